@@ -29,11 +29,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.search_outcome import SearchOutcome
-from armd.compensation.estimate.observations import (
-    TURN_MM,
-    Observations,
-    collect_observations,
-)
+from armd.compensation.estimate.observations import TURN_MM, Observations, collect_observations
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import report_misnamed
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate

@@ -1,8 +1,9 @@
 """Every constant of the diagnosis: name, value, unit, why.
 
-First those that decide what is told, then what bounds the work, then what keeps the arithmetic
-defined. `1` is a ratio or a probability, `σ` a number of standard uncertainties, `nat` natural
-logarithms of a probability. What a cause can do to an arm stands with it in `effects/`.
+First those that decide what is found, how probable it is and whether it is written; then what is
+only drawn and worded, what bounds the work, and what keeps the arithmetic defined. `1` is a ratio
+or a probability, `σ` a number of standard uncertainties, `nat` natural logarithms of a probability.
+What a cause can do to an arm stands with it in `effects/`.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ SHAPE_PRIOR = 0.5  # 1; that a strong finding's shape is off: as likely as not
 #: 1; a cause that accounts for less of what goes with its variables is a guess. A disc whose shape
 #: is off by 30 % accounts for 0.92, by half for 0.8.
 ENOUGH = 0.8
+LEAST_PART_SHOWN = 0.005  # 1; a part in which less of the cause shows says nothing of its size
 LEAST_PROBABILITY = 0.01  # 1; an alternative, or a set of causes, less probable is not told
 MOST_RIVAL_SET = 0.5  # 1; a set that has not replaced the one there is is at most as probable
 ABSORBED = 1e-6  # 1; a candidate that keeps less of its squared norm in projection is absorbed
@@ -85,12 +87,7 @@ AS_FAR_OFF = 3.0  # 1; the middle reading of a session explained is no further o
 IN_ONE = 0.75  # 1; what shows so much in placements left out together, others cannot teach
 MOST_SQUARES = 15.0  # usual squared residuals; what a gross error counts at most: six noise units
 MOST_WORSE = 0.02  # 1; gross errors move the error over all by less: beyond it a finding harms
-#: sessions; fewer do not tell how sessions scatter, and placements are asked
-LEAST_SCATTERED = 3
 CHANGED_PRIOR = 0.05  # 1; that an arm was no longer the same when the others were taken
-
-# What depends on a variable
-LEAST_PART_SHOWN = 0.005  # 1; a part in which less of the cause shows says nothing of its size
 
 # --- What is drawn and worded: changes no finding, no probability, nothing written --------------
 
@@ -107,6 +104,8 @@ SHARE_BEYOND = 0.1  # 1; and this share of it
 BEYOND_VALUES = 10.0  # 2 Δ ln L; a name must explain so much more than a value
 SHARE_OF_NAMES = 0.05  # 1; and this share
 LEAST_VARIANCE_SHARE = 1e-5  # 1; a direction of which absorbing leaves less is absorbed
+#: sessions; fewer do not tell how sessions scatter, and placements are asked
+LEAST_SCATTERED = 3
 SIZE_SIGMAS = 2.0  # σ; a size is known
 UNTOLD = 1e3  # 1; an uncertainty so many times the value: the readings do not tell it
 WOULD_SHOW = 5.0  # noise units; from which on a cause is found mostly

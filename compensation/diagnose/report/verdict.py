@@ -63,7 +63,7 @@ def write_verdict(diagnosis: Diagnosis) -> str:
                 f"{count}; with the extended model{which} held-out readings err by "
                 f"{format_um(after)} µm instead of {format_um(before)} µm (3-D RMS{how})."
             )
-            sentences += _of_another_session(diagnosis)
+            sentences += _describe_later_gain(diagnosis)
             sentences += _of_growth(diagnosis)
         if doubtful:
             sentences.append(f"Held-out readings do not confirm {doubtful}: leads, not facts.")
@@ -128,7 +128,7 @@ def write_verdict(diagnosis: Diagnosis) -> str:
     )
 
 
-def _of_another_session(diagnosis: Diagnosis) -> list[str]:
+def _describe_later_gain(diagnosis: Diagnosis) -> list[str]:
     """What the extended model gains where nobody has measured yet."""
     if diagnosis.later_gain_um is None:
         return []

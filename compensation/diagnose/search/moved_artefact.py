@@ -29,10 +29,7 @@ from armd.compensation.diagnose.constants import (
 from armd.compensation.diagnose.diagnosis import MovedArtefact
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.linear import Rests
-from armd.compensation.diagnose.problem.signatures import (
-    identify_kind,
-    make_finding_columns,
-)
+from armd.compensation.diagnose.problem.signatures import identify_kind, make_finding_columns
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
 from armd.compensation.diagnose.scoring.evidence import estimate_amplitudes
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
@@ -43,10 +40,7 @@ from armd.compensation.diagnose.search.findings import find_nearest_step
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import make_candidate
 from armd.compensation.effects.setup.mount_drift import MOST_MOUNT_STEP
-from armd.compensation.estimate.noise.robust import (
-    compute_huber_loss,
-    compute_huber_weights,
-)
+from armd.compensation.estimate.noise.robust import compute_huber_loss, compute_huber_weights
 
 
 def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:

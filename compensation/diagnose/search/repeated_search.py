@@ -1,5 +1,4 @@
-"""Two searches of the same readings beside each other: which leaves less, which is likelier, and
-what both found."""
+"""Two searches of the same readings beside each other: which leaves less, and which is likelier."""
 
 from __future__ import annotations
 
