@@ -105,7 +105,7 @@ def test_rustypot_reads_what_is_true(tmp_path, kind):
 def raw_port(path):
     import serial
 
-    with serial.Serial(path, 1_000_000, timeout=0.1) as port:
+    with serial.Serial(path, 1_000_000, timeout=10.0) as port:  # a busy machine may stand still
         yield port
 
 

@@ -12,6 +12,9 @@ from pathlib import Path
 
 #: The packages of a revision from before armd/ was a folder: umbrella/ was armd itself.
 ROOMS = ("compensation", "daemon", "drivers", "simulator")
+#: What a revision's commands do not inherit: settings of Python and armd, and of the tests that
+#: start them (a process of theirs would take itself for one of their workers).
+DROPPED = ("PYTHON", "ARMD_", "PYTEST_")
 START = "import sys; from armd.daemon.cli import main; sys.exit(main())"
 
 
@@ -33,9 +36,9 @@ class Revision:
 
 
 def make_environment(cache: Path) -> dict[str, str]:
-    """That of this process without its settings of Python and armd; one thread, and what numba
-    compiles kept in *cache*."""
-    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "ARMD_"))}
+    """That of this process without what is dropped; one thread, and what numba compiles kept in
+    *cache*."""
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(DROPPED)}
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     return inherited | one_thread | {"NUMBA_CACHE_DIR": str(cache)}
 
