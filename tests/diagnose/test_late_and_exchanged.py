@@ -24,6 +24,7 @@ from armd.compensation.diagnose.scoring.candidates import PartedSurvey, score_ca
 from armd.compensation.diagnose.scoring.evidence import Scores, score
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.search.revisit import Revisit
+from armd.compensation.diagnose.search.set_posterior import weigh_set
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
@@ -189,7 +190,9 @@ def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
         signatures = add_acting(plain, last, own.facts, (), ARM)
         parted = PartedSurvey.from_fit(set_findings(last, [], ARM), signatures, ARM)
         through = partial(list_acting_through, facts=own.facts, refused=())
-        Revisit(parted.with_findings(last), parted, ARM, 100, choose, through).find_rival_sets()
+        Revisit(
+            parted.with_findings(last), parted, ARM, 100, choose, weigh_set, through
+        ).find_rival_sets()
     for causes in ((), ("geometry_shift",)):
         assert {c.location for c in offered[causes]} == {c.location for c in lags}
         assert not any(c.through for c in offered[causes])

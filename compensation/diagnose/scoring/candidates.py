@@ -24,12 +24,12 @@ from armd.compensation.diagnose.scoring.evidence import (
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape, make_shape
 from armd.compensation.diagnose.scoring.time_discrepancy import (
+    make_slower,
     make_unsettled,
     may_have_begun_anyhow,
 )
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.effects.thermal.thermal_lag import SLOWER_LAGS
 from armd.compensation.model.arm import Arm
 
 
@@ -189,13 +189,6 @@ def add_own_shapes(
     return [with_shapes[k] for k in best], free[best] - straight_evidence[: len(best)] + np.log(
         SHAPE_PRIOR
     )
-
-
-def make_slower(candidate: Candidate) -> list[Candidate]:
-    """The same with longer time constants, of what may have begun anyhow."""
-    if not may_have_begun_anyhow(candidate) or candidate.elsewhere is None:
-        return []
-    return [candidate.elsewhere(times * candidate.setting[0][1]) for times in SLOWER_LAGS]
 
 
 def _own_shape(candidate: Candidate, amplitudes: F64, projection: Projection) -> Candidate | None:

@@ -7,7 +7,6 @@ cost a few matrix products, and any column may be taken out of the model again w
 from __future__ import annotations
 
 import operator
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
@@ -18,14 +17,11 @@ from scipy.special import chdtrc, logsumexp
 from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.constants import (
     ABSORBED,
-    EXPECTED_PRIOR,
     LEAST_EXPLAINED_SHARE,
     MOST_COUNTED,
-    ROUNDING,
-    UNKNOWN_PRIOR,
 )
 from armd.compensation.diagnose.problem.signatures import Signatures
-from armd.compensation.effects.catalogue import CATALOGUE
+from armd.compensation.diagnose.scoring.prior import compute_log_prior
 from armd.compensation.effects.effect import SCALES
 from armd.compensation.estimate.linear.linear_model import LinearModel
 
@@ -93,7 +89,8 @@ class Scores:
     @cached_property
     def log_prior(self) -> F64:
         """(C,) log of the candidates' priors; −inf of those absorbed."""
-        return _log_prior(self)
+        expected = np.array([c.expected for c in self.signatures.candidates], dtype=bool)
+        return compute_log_prior(self.signatures.kinds, self.freedom, expected)
 
     @cached_property
     def _log_weight(self) -> F64:
@@ -228,31 +225,3 @@ def compute_log_bayes_factors(gram: F64, side: F64, prior_sd: F64, reach: F64) -
         logs.append(np.log(share) + fit - 0.5 * np.linalg.slogdet(g)[1])
     combined: F64 = logsumexp(np.array(logs), axis=0)
     return combined
-
-
-def _log_prior(scores: Scores) -> F64:
-    """Uniform over causes (as common as they are), then places, then kinds, then the grid; those
-    absorbed take no part.
-
-    A constant that shifted once is one kind, its step at one of forty instants another: a fine
-    grid must not make its place's plain kinds improbable.
-    """
-    alive = np.flatnonzero(scores.freedom > 0)
-    kinds_of = scores.signatures.kinds
-    kinds = [kinds_of[i] for i in alive]
-    grid = Counter(kinds)
-    of_place = Counter((cause, location) for cause, location, *_ in grid)
-    places = Counter(cause for cause, _ in of_place)
-    common = {cause: CATALOGUE[cause].commonness for cause in places if cause != "unknown"}
-    named = max(sum(common.values()), ROUNDING)
-    prior = np.full(len(scores.freedom), -np.inf)
-    for i, kind in zip(alive, kinds, strict=True):
-        cause, location, *_ = kind
-        named_share = (1 - UNKNOWN_PRIOR) * common.get(cause, 0.0) / named
-        share = UNKNOWN_PRIOR if cause == "unknown" else named_share
-        prior[i] = np.log(share / (places[cause] * of_place[cause, location] * grid[kind]))
-    expected = [i for i in alive if scores.signatures.candidates[i].expected]
-    kinds_of_place = Counter(kinds_of[i][:2] for i in expected) if expected else Counter()
-    for i in expected:
-        prior[i] = np.log(EXPECTED_PRIOR / kinds_of_place[kinds_of[i][:2]])
-    return prior

@@ -36,7 +36,7 @@ from armd.compensation.effects.courses import (
 )
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.effects.location import make_shape_location
-from armd.compensation.effects.thermal.thermal_lag import LONGER_LAGS, OF_A_LENGTH
+from armd.compensation.effects.thermal.thermal_lag import LONGER_LAGS, OF_A_LENGTH, SLOWER_LAGS
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.slow_factors import After, Period, Relaxation, Temperature
@@ -199,3 +199,10 @@ def _principal(time_s: F64) -> F64:
     scaled = vectors[:, span] * np.sqrt(np.maximum(values[span], 0.0))
     functions: F64 = np.stack([np.interp(time_s, times, column) for column in scaled.T], axis=1)
     return functions
+
+
+def make_slower(candidate: Candidate) -> list[Candidate]:
+    """The same with longer time constants, of what may have begun anyhow."""
+    if not may_have_begun_anyhow(candidate) or candidate.elsewhere is None:
+        return []
+    return [candidate.elsewhere(times * candidate.setting[0][1]) for times in SLOWER_LAGS]

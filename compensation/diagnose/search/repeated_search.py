@@ -12,7 +12,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.threshold import is_significant
-from armd.compensation.diagnose.search.revisit import compute_log_weight
+from armd.compensation.diagnose.search.set_posterior import compute_log_posterior
 from armd.compensation.model.arm import Arm
 
 
@@ -67,7 +67,7 @@ def is_likely_beside(repeated: SearchResult, before: SearchResult, arm: Arm) -> 
     if not np.array_equal(placements[0], placements[1]):
         return True
     weights = [
-        compute_log_weight(about, findings, arm, before.scores)
+        compute_log_posterior(about, findings, arm, before.scores)
         for findings in (repeated_fit.findings, about.findings)
     ]
     return weights[0] >= weights[1] - AS_WELL

@@ -12,20 +12,13 @@ the catalogue has make several names likelier than the one that is true.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from armd.arrays import F64, Mask
-from armd.compensation.diagnose.constants import (
-    MOST_FIRST,
-    MOST_IN_PLACE,
-    SHAPE_PRIOR,
-    TRIAL_WORK,
-    UNKNOWN_PRIOR,
-)
+from armd.arrays import Mask
+from armd.compensation.diagnose.constants import MOST_FIRST, MOST_IN_PLACE, TRIAL_WORK
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -35,19 +28,20 @@ from armd.compensation.diagnose.scoring.candidates import (
     ScoredCandidates,
     find_acting_through,
     find_weakest,
-    make_slower,
 )
 from armd.compensation.diagnose.scoring.evidence import Scores
-from armd.compensation.diagnose.scoring.projection import Projection, make_projection
-from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape, make_shapes
+from armd.compensation.diagnose.scoring.projection import Projection
+from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
 from armd.compensation.diagnose.scoring.threshold import is_significant
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects.by_session import can_follow_anything, is_by_session
-from armd.compensation.effects.effect import SCALES, Candidate, join_finding
+from armd.compensation.effects.effect import Candidate, join_finding
 from armd.compensation.model.arm import Arm
 
 #: What joins the findings of a projection, of the candidates with these scores in so many tests.
 Choose = Callable[[Projection, Scores, int], Candidate | None]
+#: How probable a set of findings is, by the projection of none and the scores of the catalogue.
+Weigh = Callable[[Sequence[Candidate], Projection, Scores], float]
 
 #: Whether a candidate is one of those asked about.
 Which = Callable[[Candidate], bool]
@@ -82,21 +76,23 @@ class Revisit:
         arm: Arm,
         tests: int,
         choose: Choose,
+        weigh: Weigh,
         through: Through,
         work: WorkBudget | None = None,
     ) -> None:
-        """*parted*: the same survey; *choose*: by what rule the search adds one more, *through*:
-        which candidates a set of findings has that others have not; *work*: what is computed at
-        most."""
+        """*parted*: the same survey; *choose*: by what rule the search adds one more, *weigh*: how
+        probable a set is, *through*: which candidates a set of findings has that others have not;
+        *work*: what is computed at most."""
         self._scored, self._arm, self._tests = scored, arm, tests
-        self._choose, self._through, self._work = choose, through, work or WorkBudget()
+        self._choose, self._weigh, self._through = choose, weigh, through
+        self._work = work or WorkBudget()
         self._fit = scored.fit
         self._first = parted.without_findings(solve_again(self._fit, [], arm))
 
     def find_rival_sets(self) -> list[RivalSet]:
         """Other sets of no more amplitudes, the likeliest first."""
         findings = self._fit.findings
-        weight, rival_sets = self._log_weight(findings), {}
+        now, rival_sets = self._log_posterior(findings), {}
         for i, finding in enumerate(findings):
             if is_shape(finding):
                 continue
@@ -112,7 +108,8 @@ class Revisit:
                     if has_more or _places(tried) == _places(findings):
                         continue
                     set_key = frozenset((c.place, c.depends_on, c.setting) for c in tried)
-                    rival_sets[set_key] = RivalSet(tuple(tried), self._log_weight(tried) - weight)
+                    likelier = self._log_posterior(tried) - now
+                    rival_sets[set_key] = RivalSet(tuple(tried), likelier)
         return sorted(rival_sets.values(), key=lambda rival_set: -rival_set.likelier)
 
     def _firsts(self, index: int, barred: Which) -> list[list[Candidate]]:
@@ -170,9 +167,8 @@ class Revisit:
             ]
         )
 
-    def _log_weight(self, findings: Sequence[Candidate]) -> float:
-        first = self._first
-        return _log_weight(first.fit, findings, first.projection, first.scores)
+    def _log_posterior(self, findings: Sequence[Candidate]) -> float:
+        return self._weigh(findings, self._first.projection, self._first.scores)
 
     def _survey(self, findings: Sequence[Candidate]) -> ScoredCandidates:
         """The catalogue beside findings, with what acts through these."""
@@ -214,95 +210,3 @@ def _places(findings: Sequence[Candidate]) -> list[tuple[str, str]]:
 
 def _amplitudes(findings: Sequence[Candidate]) -> int:
     return sum(len(c.columns) for c in findings)
-
-
-def compute_log_weight(
-    about: Fit, findings: Sequence[Candidate], arm: Arm, scores: Scores
-) -> float:
-    """Log of evidence × prior of all findings together, about a fit's point, in its noise; *scores*
-    of the catalogue have the priors.
-
-    Straight, or with their shapes a little off (of a lag that is how its sessions began, and with
-    that open it may be slower); each cause's amplitudes at the likeliest of the scales.
-    """
-    nothing = solve_again(about, [], arm)
-    return _log_weight(nothing, findings, make_projection(nothing, arm), scores)
-
-
-def _log_weight(
-    nothing: Fit, findings: Sequence[Candidate], projection: Projection, scores: Scores
-) -> float:
-    """The same about a fit of no findings, by its projection."""
-    straight, shaped = _with_shapes(nothing, findings, projection)
-    for i, finding in enumerate(findings):
-        for slower in make_slower(finding):
-            slower_set = [*findings[:i], slower, *findings[i + 1 :]]
-            shaped = max(shaped, _with_shapes(nothing, slower_set, projection)[1])
-    prior = sum(_log_prior(c, scores) for c in findings)
-    return float(np.logaddexp(straight, shaped + math.log(SHAPE_PRIOR))) + prior
-
-
-def _with_shapes(
-    nothing: Fit, findings: Sequence[Candidate], projection: Projection
-) -> tuple[float, float]:
-    """Log evidence × prior of the amplitudes of findings, straight and with their shapes open."""
-    fitted = solve_again(nothing, findings, projection.arm)
-    columns_of_findings = [
-        n for span in fitted.layout.findings for n in range(span.start, span.stop)
-    ]
-    shapes = make_shapes(fitted, projection.arm)
-    columns = np.hstack(
-        [fitted.nuisance.columns.to_dense(np.array(columns_of_findings, dtype=int)), shapes.matrix]
-    )
-    white, cleared = projection.clear_of_all(columns)
-    gram, side = white.T @ cleared, cleared.T @ nothing.noise.whiten(nothing.residual)
-    variance, log_prior = _amplitudes_a_priori(fitted)
-    straight = _log_evidence(gram, side, variance)
-    shaped = _log_evidence(gram, side, np.concatenate([variance, shapes.variance]))
-    return straight + log_prior, shaped + log_prior
-
-
-def _log_evidence(gram: F64, side: F64, variance: F64) -> float:
-    """Log Bayes factor of the first columns, amplitudes normal with a *variance* (m,), against
-    nothing; from products (M, M) and (M,) with the residual, clear of what absorbs."""
-    m = len(variance)
-    size = np.sqrt(variance)
-    inner = gram[:m, :m] * np.outer(size, size) + np.eye(m)
-    b = side[:m] * size
-    return 0.5 * float(b @ np.linalg.solve(inner, b)) - 0.5 * float(np.linalg.slogdet(inner)[1])
-
-
-def _amplitudes_a_priori(fitted: Fit) -> tuple[F64, float]:
-    """Variances of all findings' amplitudes, and log of the prior of the scales chosen."""
-    variances, log_prior = [np.empty(0)], 0.0
-    for candidate, values, span in zip(
-        fitted.findings, fitted.amplitudes, fitted.layout.findings, strict=True
-    ):
-        if is_sized(candidate):  # the data have their size
-            variances.append(fitted.nuisance.variance[span])
-            continue
-        prior_sd = np.array([column.prior_sd for column in candidate.columns])
-        reach = np.array([column.reach for column in candidate.columns])
-        able = []
-        for scale, share in SCALES.items():
-            size = np.minimum(scale, reach) * prior_sd
-            log_density = -0.5 * ((values / size) ** 2).sum() - np.log(size).sum()
-            able.append((math.log(share) + log_density, size, share))
-        _, size, share = max(able, key=lambda entry: entry[0])
-        variances.append(size**2)
-        log_prior += math.log(share)
-    return np.concatenate(variances), log_prior
-
-
-def _log_prior(candidate: Candidate, scores: Scores) -> float:
-    """Of a cause, its place, its kind and its value among those of the catalogue."""
-    if is_shape(candidate):
-        return math.log(SHAPE_PRIOR)
-    alike: dict[bool, list[float]] = {True: [], False: []}
-    for i in np.flatnonzero(scores.freedom > 0):
-        rival = scores.signatures.candidates[i]
-        if rival.cause == candidate.cause:
-            alike[identify_kind(rival) == identify_kind(candidate)].append(
-                float(scores.log_prior[i])
-            )
-    return max(alike[True]) if alike[True] else min(alike[False], default=math.log(UNKNOWN_PRIOR))

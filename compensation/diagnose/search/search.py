@@ -36,12 +36,7 @@ from armd.compensation.diagnose.search.findings import (
 )
 from armd.compensation.diagnose.search.growth import fit_with_growth
 from armd.compensation.diagnose.search.replacing import require_heldout
-from armd.compensation.diagnose.search.revisit import (
-    Revisit,
-    RivalSet,
-    compute_log_weight,
-    may_be_others,
-)
+from armd.compensation.diagnose.search.revisit import Revisit, RivalSet, may_be_others
 from armd.compensation.diagnose.search.rival_sets import HeldOutGain, limit_by_rival_sets
 from armd.compensation.diagnose.search.selection import (
     choose,
@@ -50,6 +45,7 @@ from armd.compensation.diagnose.search.selection import (
     find_strongest_left,
     make_key,
 )
+from armd.compensation.diagnose.search.set_posterior import compute_log_posterior, weigh_set
 from armd.compensation.diagnose.search.survey import Survey
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects import catalogue
@@ -256,7 +252,7 @@ class Search:
                 continue
             another = survey.prune(another)
             weights = [
-                compute_log_weight(another, fitted.findings, survey.arm, scored.scores)
+                compute_log_posterior(another, fitted.findings, survey.arm, scored.scores)
                 for fitted in (current, another)
             ]
             likelier = weights[1] - weights[0]
@@ -275,7 +271,14 @@ class Search:
                 list_acting_through, facts=survey.facts, refused=survey.refusals.places
             )
             revisit = Revisit(
-                scored, survey.parted, survey.arm, survey.tests, choose, through, survey.work
+                scored,
+                survey.parted,
+                survey.arm,
+                survey.tests,
+                choose,
+                weigh_set,
+                through,
+                survey.work,
             )
             self._rivals = key, revisit.find_rival_sets()
         return self._rivals[1]

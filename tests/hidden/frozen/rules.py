@@ -162,7 +162,7 @@ RULES = (
          _no_columns, lambda result, *_: result.shape[1] > 0),
     Rule("a lag weighed with its beginnings open",
          SCORING + "time_discrepancy:may_have_begun_anyhow", always(False)),
-    Rule("a lag may be slower", SCORING + "candidates:make_slower", always([])),
+    Rule("a lag may be slower", SCORING + "time_discrepancy:make_slower", always([])),
     # What is told
     Rule("steps weighed at the finding's instant", SEARCH + "findings:_weigh_steps_at_instant",
          always({})),

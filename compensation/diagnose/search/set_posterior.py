@@ -1,0 +1,105 @@
+"""How probable a set of causes is, given the readings: one number by which sets are compared.
+
+log p(S | r) = log B(S) + Σ log prior(cause, place, kind, value) + const. B is the evidence of all
+amplitudes together against none, about one fit's point and in its noise; each cause's amplitudes
+have the likeliest size of the scales, and the shapes of all may be a little off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.constants import SHAPE_PRIOR
+from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.problem.amplitudes import is_sized
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.signatures import identify_kind
+from armd.compensation.diagnose.scoring.evidence import Scores
+from armd.compensation.diagnose.scoring.prior import find_log_prior
+from armd.compensation.diagnose.scoring.projection import Projection, make_projection
+from armd.compensation.diagnose.scoring.shape import is_shape, make_shapes
+from armd.compensation.diagnose.scoring.time_discrepancy import make_slower
+from armd.compensation.effects.effect import SCALES, Candidate
+from armd.compensation.model.arm import Arm
+
+
+def compute_log_posterior(
+    about: Fit, findings: Sequence[Candidate], arm: Arm, scores: Scores
+) -> float:
+    """That of *findings*, about a fit's point; *scores* of the catalogue hold the priors."""
+    return weigh_set(findings, make_projection(solve_again(about, [], arm), arm), scores)
+
+
+def weigh_set(findings: Sequence[Candidate], projection: Projection, scores: Scores) -> float:
+    """The same by the *projection* of a fit that has found nothing.
+
+    The shape of a lag is how its sessions began; with that open it may be slower.
+    """
+    straight, shaped = _with_shapes(findings, projection)
+    for i, finding in enumerate(findings):
+        for slower in make_slower(finding):
+            slower_set = [*findings[:i], slower, *findings[i + 1 :]]
+            shaped = max(shaped, _with_shapes(slower_set, projection)[1])
+    kinds, log_prior = scores.signatures.kinds, scores.log_prior
+    prior = sum(
+        math.log(SHAPE_PRIOR)
+        if is_shape(finding)
+        else find_log_prior(identify_kind(finding), kinds, log_prior)
+        for finding in findings
+    )
+    return float(np.logaddexp(straight, shaped + math.log(SHAPE_PRIOR))) + prior
+
+
+def _with_shapes(findings: Sequence[Candidate], projection: Projection) -> tuple[float, float]:
+    """Log evidence × prior of the amplitudes of findings, straight and with their shapes open."""
+    nothing = projection.fit
+    fitted = solve_again(nothing, findings, projection.arm)
+    columns_of_findings = [
+        n for span in fitted.layout.findings for n in range(span.start, span.stop)
+    ]
+    shapes = make_shapes(fitted, projection.arm)
+    columns = np.hstack(
+        [fitted.nuisance.columns.to_dense(np.array(columns_of_findings, dtype=int)), shapes.matrix]
+    )
+    white, cleared = projection.clear_of_all(columns)
+    gram, side = white.T @ cleared, cleared.T @ nothing.noise.whiten(nothing.residual)
+    variance, log_prior = _amplitudes_a_priori(fitted)
+    straight = _log_evidence(gram, side, variance)
+    shaped = _log_evidence(gram, side, np.concatenate([variance, shapes.variance]))
+    return straight + log_prior, shaped + log_prior
+
+
+def _log_evidence(gram: F64, side: F64, variance: F64) -> float:
+    """Log Bayes factor of the first columns, amplitudes normal with a *variance* (m,), against
+    nothing; from products (M, M) and (M,) with the residual, clear of what absorbs."""
+    m = len(variance)
+    size = np.sqrt(variance)
+    inner = gram[:m, :m] * np.outer(size, size) + np.eye(m)
+    b = side[:m] * size
+    return 0.5 * float(b @ np.linalg.solve(inner, b)) - 0.5 * float(np.linalg.slogdet(inner)[1])
+
+
+def _amplitudes_a_priori(fitted: Fit) -> tuple[F64, float]:
+    """Variances of all findings' amplitudes, and log of the prior of the scales chosen."""
+    variances, log_prior = [np.empty(0)], 0.0
+    for candidate, values, span in zip(
+        fitted.findings, fitted.amplitudes, fitted.layout.findings, strict=True
+    ):
+        if is_sized(candidate):  # the data have their size
+            variances.append(fitted.nuisance.variance[span])
+            continue
+        prior_sd = np.array([column.prior_sd for column in candidate.columns])
+        reach = np.array([column.reach for column in candidate.columns])
+        able = []
+        for scale, share in SCALES.items():
+            size = np.minimum(scale, reach) * prior_sd
+            log_density = -0.5 * ((values / size) ** 2).sum() - np.log(size).sum()
+            able.append((math.log(share) + log_density, size, share))
+        _, size, share = max(able, key=lambda entry: entry[0])
+        variances.append(size**2)
+        log_prior += math.log(share)
+    return np.concatenate(variances), log_prior
