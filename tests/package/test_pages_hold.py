@@ -139,7 +139,7 @@ def test_files_that_a_page_names_exist(page: str) -> None:
     assert missing_paths((ROOT / page).read_text(encoding="utf-8")) == []
 
 
-@pytest.mark.parametrize("page", ["tour", "extend"])
+@pytest.mark.parametrize("page", ["tour", "extend", "diagnosis-how"])
 def test_a_developers_page_names_files_where_they_are(page: str) -> None:
     assert missing_of_tour((DOCS / f"developer/{page}.md").read_text(encoding="utf-8")) == []
 
