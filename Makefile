@@ -10,7 +10,7 @@ SCRIPT := PYTHONPATH=tests $(BIN)/python
 # Hundreds of tests start a process each; without these files each would compile all of armd
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-parallel test-serial test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-reliability hidden-ablation hidden-sweep hidden-predictive mutants outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: install demo test test-parallel test-serial test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-reliability hidden-ablation hidden-sensitivity hidden-predictive mutants outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
 .PHONY: develop notebooks docs
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # A command, and after it what it did and the seconds it took: $(call timed,WHAT,COMMAND)
@@ -171,6 +171,12 @@ hidden-ablation: develop
 	$(FROZEN)ablation --seeds "$(or $(SEEDS),421)" \
 	    $(if $(CASES_ASKED),--cases $(CASES_ASKED)) $(ABLATION_ARGS)
 
+# Each constant that decides, halved and doubled, in frozen cases in which a rule decided (by the
+# ablation of the same commit): make hidden-sensitivity SEEDS=421,301126 [CASES=12]
+hidden-sensitivity: develop
+	$(FROZEN)sensitivity --seeds "$(or $(SEEDS),421)" \
+	    $(if $(CASES_ASKED),--most $(CASES_ASKED)) $(SENSITIVITY_ARGS)
+
 # Cases of a generator that shares nothing with armd, n of each kind, through the commands:
 # make outsider CASES=2 SEED=7
 outsider: develop
@@ -183,11 +189,6 @@ interim: develop
 # Whether the probabilities of interim checks hold: make interim-reliability CASES=200 SEED=2
 interim-reliability: develop
 	OPENBLAS_NUM_THREADS=1 $(SCRIPT) tests/interim/reliability.py --changes $(CASES) --seed $(SEED)
-
-# How the marks move when each constant of the search is halved and doubled:
-# make hidden-sweep CASES=4 SEED=7 SWEEP_ARGS="--only SHAPE_OFF ALPHA"
-hidden-sweep: develop
-	OPENBLAS_NUM_THREADS=1 $(SCRIPT) tests/hidden/sweep.py --cases $(CASES) --seed $(SEED) $(SWEEP_ARGS)
 
 # Does the planted cause's own variable leave its band most? make hidden-predictive CASES=5 SEED=7
 hidden-predictive: develop

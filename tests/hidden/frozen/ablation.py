@@ -33,6 +33,7 @@ from hidden.frozen.rules import RULES
 from hidden.frozen.run import Ran, Refused, copy_case, diagnose_and_evaluate, make_given
 from hidden.frozen.score import WORSE, score
 from hidden.frozen.switches import Rule, switch_off, watch
+from hidden.frozen.variations import list_variations
 
 from armd.files.writing import write_whole
 
@@ -111,6 +112,13 @@ def find_answers(tasks: Sequence[Task], workers: int) -> dict[Task, Answer]:
     return {task: _read(_file(task)) for task in tasks}
 
 
+def find_kept_answers(folder: Path) -> dict[str, Answer]:
+    """The answers to a case that are kept, by the rule that was left out; "": by none."""
+    keys = {_key(rule.name): rule.name for rule in RULES} | {_key(""): ""}
+    paths = [path for path in folder.glob("*.json") if path.stem in keys]
+    return {keys[path.stem]: _read(path) for path in paths}
+
+
 def _file(task: Task) -> Path:
     return task.answers / f"{task.case.parent.name}-{task.case.name}" / f"{_key(task.rule)}.json"
 
@@ -166,7 +174,8 @@ def _make_given_once(kept: Path, truth: Truth) -> None:
 def _prepare(rule_name: str, counts: Counter[str]) -> None:
     """Switch the rule of that name off; without a name, watch all."""
     if rule_name:
-        switch_off(next(rule for rule in RULES if rule.name == rule_name))
+        every = (*RULES, *list_variations())
+        switch_off(next(rule for rule in every if rule.name == rule_name))
     else:
         watch(RULES, counts)
 
