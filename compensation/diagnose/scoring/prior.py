@@ -12,11 +12,11 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.constants import EXPECTED_PRIOR, ROUNDING, UNKNOWN_PRIOR
 from armd.compensation.effects.catalogue import CATALOGUE
 
-#: Its cause, its location, and what else makes a candidate one of its kind.
-Kind = tuple[str, ...]
+#: As `identify_kind` says: cause, location, and what else makes a candidate one of its kind.
+CandidateKind = tuple[str, ...]
 
 
-def compute_log_prior(kinds: Sequence[Kind], freedom: I64, expected: Mask) -> F64:
+def compute_log_prior(kinds: Sequence[CandidateKind], freedom: I64, expected: Mask) -> F64:
     """(C,) of candidates: uniform over causes (as common as they are), then places, then kinds,
     then the grid; those absorbed, without *freedom* (C,), take no part: −inf. Those *expected* (C,)
     are there as likely as not.
@@ -43,11 +43,11 @@ def compute_log_prior(kinds: Sequence[Kind], freedom: I64, expected: Mask) -> F6
     return prior
 
 
-def find_log_prior(kind: Kind, kinds: Sequence[Kind], log_prior: F64) -> float:
+def find_log_prior(kind: CandidateKind, kinds: Sequence[CandidateKind], log_prior: F64) -> float:
     """That of a finding of a *kind*, from the *log_prior* (C,) of the catalogue's candidates: of
     its kind, or, where none is like it, the least of its cause."""
     able = np.flatnonzero(np.isfinite(log_prior)).tolist()
     of_cause = [i for i in able if kinds[i][0] == kind[0]]
     alike = [float(log_prior[i]) for i in of_cause if kinds[i] == kind]
-    others = [float(log_prior[i]) for i in of_cause if kinds[i] != kind]
-    return max(alike) if alike else min(others, default=math.log(UNKNOWN_PRIOR))
+    unlike = [float(log_prior[i]) for i in of_cause if kinds[i] != kind]
+    return max(alike) if alike else min(unlike, default=math.log(UNKNOWN_PRIOR))
