@@ -26,6 +26,7 @@ NOISES = {
     "gaussian": NOISE,
     "heavy tails": replace(NOISE, tails="heavy"),
     "slow drift": replace(NOISE, wander_um=3.0),
+    "tails that last": replace(NOISE, tails="t3", correlation=0.6),
 }
 #: Truth of a single amplitude in the finding's unit, per unit of the plant's size.
 AMPLITUDE = {

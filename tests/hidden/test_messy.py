@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
+from cases import NOISES
 from messy import DESIGN, run_mess
 
+from armd.compensation.data.sessions.session import load_session
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
+from armd.simulator.hidden import generate_case
 from armd.simulator.measured.mess import KINDS
 from support.selection import parametrize_default
 
@@ -31,6 +38,17 @@ def test_a_touched_artefact_is_told_beside_a_cause_that_differs_by_session() -> 
 def test_noise_that_lasts_is_no_drift_and_no_slip(seed: int) -> None:
     """A step of the base, with 0.99, and a slip of joint 1 where nothing was planted."""
     assert run_mess("correlated", seed).found == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [30112600, 30112610, 30112623])
+def test_tails_that_last_are_no_step_and_no_slip(seed: int, tmp_path: Path) -> None:
+    """Three of 40 sets in which noise of t₃, correlated by 0.6, was a slip or a step where either
+    rests' own scatter or the noise's memory was not asked."""
+    design = Design(sessions=6, articulations=4, holdout=0)
+    case = generate_case(tmp_path, seed, [], design, NOISES["tails that last"])
+    arm = load_arm(case.arm)
+    assert diagnose([load_session(path, arm) for path in case.sessions], arm).findings == ()
 
 
 @pytest.mark.slow
