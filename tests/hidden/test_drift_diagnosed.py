@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 import numpy as np
 import pytest
 from drifts import run_drift, said
-from sweep import CONSTANTS, ROOM, changed
 
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.report.result import as_json
-from armd.compensation.diagnose.search import explains
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.truth import course
 from support.known_regression import known_regression
@@ -94,22 +91,3 @@ def test_a_drift_is_no_staircase(seed: int) -> None:
     found = run_drift("drift", seed)
     assert found.right, found
     assert found.worse < 0.002
-
-
-def test_every_constant_of_the_sweep_is_there_and_comes_back() -> None:
-    for constant in CONSTANTS:
-        origin = importlib.import_module(ROOM + constant.module)
-        value = getattr(origin, constant.name)
-        with changed(constant, 2.0) as doubled:
-            expected = (1 + value) / 2 if constant.share else 2 * value
-            assert getattr(origin, constant.name) == doubled == pytest.approx(expected)
-        assert getattr(origin, constant.name) == value
-        assert constant.why
-
-
-def test_a_constant_that_others_import_changes_for_them_too() -> None:
-    (alpha,) = (c for c in CONSTANTS if c.name == "ALPHA")
-    before = explains.ALPHA
-    with changed(alpha, 0.5):
-        assert before / 2 == explains.ALPHA
-    assert before == explains.ALPHA
