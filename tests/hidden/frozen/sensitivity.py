@@ -1,8 +1,9 @@
 """`make hidden-sensitivity SEEDS=421,…`: what the diagnosis answers with another constant.
 
 Each constant that decides is halved and doubled, and the same frozen cases are diagnosed with each
-value. They are cases in which some rule decided, as `make hidden-ablation` found at the same
-commit: in all others no decision was close. `--most` bounds them, drawn by a seed of its own.
+value: three of four are cases in which some rule decided, as `make hidden-ablation` found at the
+same commit (in all others no decision was close), one of four is an arm with nothing wrong. All are
+short ones. `--most` bounds them, drawn by a seed of its own.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from hidden.frozen.revision import commit_of
 from hidden.frozen.variations import WAYS, list_deciding_constants, list_variations
 
 DRAWN_BY = 44
+MOST_CASE_S = 6.0  # processor seconds of a case's diagnosis: each is made over a hundred times
+CLEAN_SHARE = 4  # one of so many has nothing wrong
 #: A value other than the one that is there: how many answers it changes, for the better, the worse.
 MARKS = ("other", "better", "worse")
 COLUMNS = ("constant", "value", *(f"{way}_{mark}" for way in WAYS for mark in MARKS), "cases")
@@ -36,7 +39,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     args = parser.parse_args()
     answers = CACHE / "ablation" / commit_of(ROOT, "HEAD")[:12]
-    cases = draw_decided(answers, args.seeds.split(","), args.most)
+    cases = draw_cases(answers, args.seeds.split(","), args.most)
     if not cases:
         sys.exit(f"armd: {answers}: found no case in which a rule decided, expected those of "
                  "make hidden-ablation at this commit")  # fmt: skip
@@ -52,19 +55,28 @@ def main() -> int:
     return 0
 
 
-def draw_decided(answers: Path, seeds: Sequence[str], most: int) -> list[Path]:
-    """Cases whose answer some rule changes, at most so many."""
-    decided = []
+def draw_cases(answers: Path, seeds: Sequence[str], most: int) -> list[Path]:
+    """Short cases, at most so many: whose answer some rule changes, and of arms with no cause."""
+    decided, clean = list[Path](), list[Path]()
     for folder in sorted(answers.glob("*")):
         seed, _, name = folder.name.partition("-")
         kept = find_kept_answers(folder)
         if seed not in seeds or "" not in kept:
             continue
         case, answer = CACHE / seed / name, kept.pop("")
-        if any(judge(case, answer.ran, without.ran) != "=" for without in kept.values()):
+        if answer.ran.diagnose_s > MOST_CASE_S:
+            continue
+        if name.startswith(("clean", "o-clean")):
+            clean.append(case)
+        elif any(judge(case, answer.ran, without.ran) != "=" for without in kept.values()):
             decided.append(case)
-    order = np.random.default_rng(DRAWN_BY).permutation(len(decided))[:most]
-    return [decided[i] for i in sorted(order)]
+    n_clean = most // CLEAN_SHARE
+    rng = np.random.default_rng(DRAWN_BY)
+    return [
+        some[i]
+        for some, n in ((decided, most - n_clean), (clean, n_clean))
+        for i in sorted(rng.permutation(len(some))[:n])
+    ]
 
 
 def count_rows(

@@ -11,7 +11,7 @@ from hidden.frozen import sensitivity
 from hidden.frozen.ablation import Answer, Task
 from hidden.frozen.case import Cause, Truth, write_truth
 from hidden.frozen.run import Ran
-from hidden.frozen.sensitivity import count_rows, draw_decided, make_table, write_rows
+from hidden.frozen.sensitivity import count_rows, draw_cases, make_table, write_rows
 from hidden.frozen.variations import list_deciding_constants, list_variations, vary
 
 from armd.compensation.diagnose import constants
@@ -61,13 +61,20 @@ def keep(path: Path, answer: Answer) -> None:
     path.write_text(json.dumps(asdict(answer)), encoding="utf-8")
 
 
-def test_cases_are_those_in_which_a_rule_decides(cases: list[Path], tmp_path: Path) -> None:
+def test_cases_are_those_in_which_a_rule_decides_and_clean_ones(
+    cases: list[Path], tmp_path: Path
+) -> None:
+    """Short ones: the fourth takes too long."""
+    keep(tmp_path / "answers" / "421-clean-00" / "all.json", NOTHING)
+    slow = replace(NOTHING, ran=replace(NOTHING.ran, diagnose_s=60.0))
+    keep(tmp_path / "answers" / "421-clean-01" / "all.json", slow)
     for name, without in (("single-00", NOTHING), ("single-01", RIGHT)):
         keep(tmp_path / "answers" / f"421-{name}" / "all.json", RIGHT)
         keep(tmp_path / "answers" / f"421-{name}" / "a-shape-as-a-finding.json", without)
         keep(tmp_path / "answers" / f"421-{name}" / "ALPHA-halved.json", NOTHING)  # is no rule
-    assert draw_decided(tmp_path / "answers", ["421"], 5) == [cases[0]]
-    assert draw_decided(tmp_path / "answers", ["422"], 5) == []
+    clean = tmp_path / "421" / "clean-00"
+    assert draw_cases(tmp_path / "answers", ["421"], 8) == [cases[0], clean]
+    assert draw_cases(tmp_path / "answers", ["422"], 8) == []
 
 
 def test_a_value_that_names_less_is_counted_as_worse(cases: list[Path], tmp_path: Path) -> None:
