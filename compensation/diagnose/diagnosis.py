@@ -157,7 +157,7 @@ class MovedArtefact:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A reading that belongs to no effect: its session, its row (from 1), how far off it is."""
+    """A reading that no cause explains: its session, its row (from 1), how far off it is."""
 
     session: str
     row: int

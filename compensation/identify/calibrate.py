@@ -220,7 +220,7 @@ def _calibrate(
         "readings": observations.n,
         "rms_um": rms_um,
         "heldout_rms_um": heldout.rms_um,
-        "heldout_without_outliers_um": heldout.without_far_um,
+        "heldout_without_outliers_um": heldout.without_down_weighted_um,
         "heldout_by": by,
         "thermal_order": order,
         "certificate": asdict(certificate),

@@ -153,14 +153,12 @@ def judge(
             f" {MOST_NOISE:g} times the noise"
         )
         faults.append(Objection(Why.NO_HELP, words))
-    without_mm = heldout.without_far_um / 1e3
+    without_mm = heldout.without_down_weighted_um / 1e3
     most_mm = min(MOST_HELDOUT_MM, most_mm)
     single = len(identification.outliers) and not suspects.second
     if heldout_mm > most_mm > without_mm and single:
-        words = (
-            f"{without_mm:.4g} mm without {format_count(heldout.n_far, 'reading')} far off:"
-            f" {identification.outlier_words()}"
-        )
+        n_without = format_count(heldout.n_down_weighted, "down-weighted reading")
+        words = f"{without_mm:.4g} mm without {n_without}: {identification.outlier_words()}"
         faults.append(Objection(Why.OUTLIERS, words))
     elif heldout_mm > MOST_HELDOUT_MM:
         words = f"more than {MOST_HELDOUT_MM:g} mm"

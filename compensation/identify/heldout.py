@@ -108,12 +108,12 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Errors:
-    """3-D RMS of all readings left out in turn, and without those weighed down."""
+    """3-D RMS of all readings left out in turn, and without those down-weighted."""
 
     rms_um: float
-    without_far_um: float
-    n_far: int
-    of_sets_um: tuple[float, ...] = ()  # of each set by itself, without those weighed down
+    without_down_weighted_um: float
+    n_down_weighted: int
+    of_sets_um: tuple[float, ...] = ()  # of each set by itself, without those down-weighted
 
     @property
     def of_another_um(self) -> float:
@@ -127,12 +127,14 @@ class Errors:
             return np.nan
         logs = np.log(np.maximum(self.of_sets_um, LEAST_UM))
         spread = float(stdtrit(k - 1, ANOTHER)) * float(logs.std(ddof=1)) * np.sqrt(1.0 + 1.0 / k)
-        return max(float(np.exp(logs.mean() + spread)), self.without_far_um)
+        return max(float(np.exp(logs.mean() + spread)), self.without_down_weighted_um)
 
     def in_words(self) -> str:
         """Both figures where they differ, in one line."""
-        without = f" ({self.without_far_um:.2f} without the {self.n_far} far off)"
-        return f"{self.rms_um:.2f} µm" + without * (self.n_far > 0)
+        if not self.n_down_weighted:
+            return f"{self.rms_um:.2f} µm"
+        without = f"{self.without_down_weighted_um:.2f} without the {self.n_down_weighted}"
+        return f"{self.rms_um:.2f} µm ({without} down-weighted)"
 
 
 def compute_another_placement_um(

@@ -70,7 +70,7 @@ class Result:
             "rms_um": self.rms_um,
             "heldout_rms_um": self.heldout_rms_um,
             "heldout_by": self.heldout_by,
-            "heldout_without_outliers_um": self.heldout.without_far_um,
+            "heldout_without_outliers_um": self.heldout.without_down_weighted_um,
             "heldout_of_sets_um": list(self.heldout.of_sets_um),
             "another_placement_um": self.another_placement_um,
             "certificate": asdict(self.certificate),

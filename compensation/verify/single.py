@@ -16,7 +16,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.data.sessions.format import Distance
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.identify.admission.far_off import FarOff, find_far_off
+from armd.compensation.identify.admission.far_off import FarOff, find_far_readings
 from armd.compensation.verify.spheres import measure_distances_from_sphere
 
 #: Targets that are points on one sphere, if they are of one placement. The sphere of L_Dia stands
@@ -36,7 +36,7 @@ def check_repeats(session: Session, position_mm: F64) -> FarOff:
         if len(rows) >= LEAST_REPEATS:
             points = position_mm[rows]
             off_mm[rows] = np.linalg.norm(points - np.median(points, axis=0), axis=1)
-    return find_far_off(off_mm)
+    return find_far_readings(off_mm)
 
 
 def check_lengths(
@@ -60,7 +60,7 @@ def check_lengths(
             )
             error = abs(float(np.linalg.norm(difference_mm)) - length_mm(distance, placement))
             off_mm[np.concatenate([end_rows[0], end_rows[1]])] = error
-    return find_far_off(off_mm)
+    return find_far_readings(off_mm)
 
 
 def check_spheres(session: Session, position_mm: F64, radius_mm: float) -> FarOff:
@@ -73,7 +73,7 @@ def check_spheres(session: Session, position_mm: F64, radius_mm: float) -> FarOf
             rows = np.flatnonzero((sphere == group) & (session.placement == placement) & usable)
             if len(rows) >= LEAST_POINTS:
                 off_mm[rows] = measure_distances_from_sphere(position_mm[rows], radius_mm)
-    return find_far_off(off_mm)
+    return find_far_readings(off_mm)
 
 
 def check_surfaces(session: Session, position_mm: F64, radii_mm: Mapping[str, float]) -> FarOff:
@@ -87,7 +87,7 @@ def check_surfaces(session: Session, position_mm: F64, radii_mm: Mapping[str, fl
             )
             if (rows := np.flatnonzero(is_on_surface)).size >= LEAST_POINTS:
                 off_mm[rows] = measure_distances_from_sphere(position_mm[rows], radius_mm)
-    return find_far_off(off_mm)
+    return find_far_readings(off_mm)
 
 
 def _iterate_seats(session: Session, position_mm: F64) -> Iterator[I64]:

@@ -1,4 +1,4 @@
-"""The ten flags of a point, decided sample by sample (armd.Flag tells what each means)."""
+"""The flags of a point, decided sample by sample (armd.Flag tells what each means)."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class Flagger:
     def judge_by(
         self, slow: Flag, stale_after_ns: int, invalid_after_ns: int, calibration: int
     ) -> None:
-        """From the next sample on. *slow* holds for all: flags 1, 3 and 7, which change with a
-        temperature or a calibration. After the two instants the temperature is stale, and held no
-        longer."""
+        """From the next sample on. *slow* holds for all: the flags that change with a temperature
+        or a calibration (NOT_COMPENSATED, TEMPERATURE_RANGE, TEMPERATURE_RATE). After the two
+        instants the temperature is stale, and held no longer."""
         self.memory["slow"] = int(slow)
         self.memory["stale_after_ns"] = stale_after_ns
         self.memory["invalid_after_ns"] = invalid_after_ns

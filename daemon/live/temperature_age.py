@@ -19,6 +19,7 @@ STALE_AFTER_NS = 5_000_000_000
 #: other): links take minutes, and each reading costs a fold and a minute's slopes.
 MOST_HZ, IN_A_ROW = 20.0, 8.0
 NEVER_NS = np.iinfo(np.int64).max
+STALE_NOW_NS = -1  # before every sample
 
 
 class TemperatureWatch:
@@ -161,12 +162,12 @@ class TemperatureWatch:
             self.temperature_flags |= Flag.TEMPERATURE_RATE
 
     def _judge_age(self) -> None:
-        #: Samples later than this carry flag 2, …
+        #: Samples later than this have `Flag.TEMPERATURE_STALE`.
         self.stale_after_ns = NEVER_NS
-        #: … and later than this they are invalid: the temperature is held no longer.
+        #: Samples later than this are invalid: the temperature is held no longer.
         self.invalid_after_ns = NEVER_NS
         if self._used:
             oldest_ns = min([self._good_ns[i] for i in self._used])
             self.invalid_after_ns = oldest_ns + self._hold_ns
             is_known = all(math.isfinite(self._current_c[i]) for i in self._used)
-            self.stale_after_ns = oldest_ns + STALE_AFTER_NS if is_known else -1
+            self.stale_after_ns = oldest_ns + STALE_AFTER_NS if is_known else STALE_NOW_NS

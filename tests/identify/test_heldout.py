@@ -40,9 +40,11 @@ def test_readings_of_a_tracker(readings: int, wrong: int) -> None:
         one, other = (noisy(whole.rows(half), rng, wrong) for half in (first, ~first))
         result = calibrate([one], ARM, Options(thermal_order=0))
         printed.append(result.heldout_rms_um)
-        without.append(result.heldout.without_far_um)
-        assert result.heldout.n_far == len(result.fit.down_weighted) >= wrong // 2
-        assert (" without the " in result.heldout.in_words()) == (result.heldout.n_far > 0)
+        without.append(result.heldout.without_down_weighted_um)
+        assert result.heldout.n_down_weighted == len(result.fit.down_weighted) >= wrong // 2
+        assert (" without the " in result.heldout.in_words()) == (
+            result.heldout.n_down_weighted > 0
+        )
         elsewhere.append(evaluate([other], ARM, result.calibration).rms_um)
     assert rms(printed) == pytest.approx(rms(elsewhere), rel=0.2)
     assert rms(without) <= rms(printed)

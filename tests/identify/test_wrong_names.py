@@ -129,7 +129,7 @@ def test_a_reading_in_the_air_is_named_as_why_there_is_no_certificate(
     assert calibrated(measured) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "refused" in said
-    assert "mm without 1 reading far off: T20 row 21 (" in said
+    assert "mm without 1 down-weighted reading: T20 row 21 (" in said
     assert "no set of constants describes this arm" not in said
 
 

@@ -1,4 +1,4 @@
-"""Single readings that belong to no effect; found by their size, not by a signature."""
+"""Single readings that no cause explains; found by their size, not by a signature."""
 
 from collections.abc import Iterator
 

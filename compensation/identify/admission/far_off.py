@@ -47,7 +47,7 @@ class FarOff:
         return lines
 
 
-def find_far_off(off_mm: F64, times: float = SUSPECT) -> FarOff:
+def find_far_readings(off_mm: F64, times: float = SUSPECT) -> FarOff:
     """Which of readings are so many *times* farther off than the middle one; *off_mm* (n,) is NaN
     where it is not known."""
     rows = np.flatnonzero(np.isfinite(off_mm))

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.identify.admission.far_off import find_far_off, measure_distances_mm
+from armd.compensation.identify.admission.far_off import find_far_readings, measure_distances_mm
 from armd.compensation.identify.admission.find_second_group import find_second_group
 from armd.compensation.identify.admission.inconsistent_session import (
     ABSURD_MM,
@@ -76,7 +76,7 @@ def _list_far_readings(sessions: Sequence[Session], observations: Observations) 
     lines, model = [], AssumedModel.from_calibration(observations.arm, None)
     for k, session in enumerate(sessions):
         part = observations.rows(observations.session == k)
-        far_readings = find_far_off(measure_distances_mm(part, model.tip_mm(part)))
+        far_readings = find_far_readings(measure_distances_mm(part, model.tip_mm(part)))
         if far_readings.usual_mm < ABSURD_MM:  # where most are, no reading is single
             lines += [f"far off (in the air?): {line}" for line in far_readings.in_words(session)]
     return lines

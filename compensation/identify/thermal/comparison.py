@@ -135,7 +135,7 @@ class Comparison:
 
     def best_order(self, trials: Sequence[Trial]) -> int:
         """The lowest order that a higher one does not clearly beat."""
-        by_name = {trial.name: trial.errors.without_far_um for trial in trials}
+        by_name = {trial.name: trial.errors.without_down_weighted_um for trial in trials}
         best, chosen = by_name["no thermal model"], 0
         for m in range(1, self.most_order + 1):
             error = by_name[f"all at once, order {m}"]
@@ -149,7 +149,7 @@ class Comparison:
         base_errors, grown_errors = (
             self.errors(make_length_terms(arm, orders)) for orders in ([], [1])
         )
-        return grown_errors.without_far_um < WORTH * base_errors.without_far_um
+        return grown_errors.without_down_weighted_um < WORTH * base_errors.without_down_weighted_um
 
     def _shows_growth(self) -> bool:
         """Whether the readings tell the first link's growth beside a linear thermal model, and
@@ -164,16 +164,16 @@ class Comparison:
         if abs(float(solution.step[-1])) < GROWTH_KNOWN * sigma:
             return False
         grown_errors, base_errors = self.errors([*linear, *growth]), self.errors(linear)
-        return grown_errors.without_far_um <= base_errors.without_far_um
+        return grown_errors.without_down_weighted_um <= base_errors.without_down_weighted_um
 
     def extended(self, terms: Sequence[Term]) -> list[Trial]:
         """Angles that move with temperature, added where they lower the held-out error."""
-        chosen, best = list(terms), self.errors(terms).without_far_um
+        chosen, best = list(terms), self.errors(terms).without_down_weighted_um
         accepted = []
         for name, extension in self.extensions.items():
             errors = self.errors([*chosen, *extension])
-            if errors.without_far_um < WORTH * best:
-                chosen, best = [*chosen, *extension], errors.without_far_um
+            if errors.without_down_weighted_um < WORTH * best:
+                chosen, best = [*chosen, *extension], errors.without_down_weighted_um
                 accepted.append(Trial(name, chosen, errors))
         return accepted
 
@@ -196,8 +196,8 @@ class Comparison:
         order = orders[0]
         for m in orders[1:]:
             if (
-                errors[_name_regression(m, offset)].without_far_um
-                < WORTH * errors[_name_regression(order, offset)].without_far_um
+                errors[_name_regression(m, offset)].without_down_weighted_um
+                < WORTH * errors[_name_regression(order, offset)].without_down_weighted_um
             ):
                 order = m
         arm = self.fit.observations.arm

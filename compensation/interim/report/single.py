@@ -8,7 +8,11 @@ from pathlib import Path
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.noise.robust import MONSTROUS, SUSPECT
 from armd.compensation.estimate.observations import collect_observations
-from armd.compensation.identify.admission.far_off import FarOff, find_far_off, measure_distances_mm
+from armd.compensation.identify.admission.far_off import (
+    FarOff,
+    find_far_readings,
+    measure_distances_mm,
+)
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.interim.checks import history
 from armd.compensation.interim.checks.history import Check
@@ -30,15 +34,15 @@ def list_single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
             fate = "not counted, as nothing of its check is" if bad else "counted until now"
             # New play in a joint takes readings ten times as far as others, and is a change.
             changed = any(i >= change.first for change in epoch.detected.changes)
-            far_readings = _find_far_off(
+            far_readings = _find_far_readings(
                 session, check, SUSPECT if bad and not changed else MONSTROUS
             )
             for line in far_readings.in_words(session):
                 yield f"{line}; {fate}"
 
 
-def _find_far_off(session: Session, check: Check, times: float) -> FarOff:
+def _find_far_readings(session: Session, check: Check, times: float) -> FarOff:
     calibration = check.calibration.content
     observations = collect_observations([session], check.arm, calibration.artefact)
     model = AssumedModel.from_calibration(check.arm, calibration)
-    return find_far_off(measure_distances_mm(observations, model.tip_mm(observations)), times)
+    return find_far_readings(measure_distances_mm(observations, model.tip_mm(observations)), times)

@@ -153,12 +153,12 @@ def add_thermal_trials(page: Page, result: Result, unit: Unit) -> None:
         " lowest and the highest in parts, so that something of them stays; 3-D RMS over all."
     )
     page.add_table(
-        ["model", f"held out, {unit.name}", f"without readings far off, {unit.name}"],
+        ["model", f"held out, {unit.name}", f"without down-weighted readings, {unit.name}"],
         [
             [
                 trial.name,
                 unit.format_value(trial.errors.rms_um / 1e3),
-                unit.format_value(trial.errors.without_far_um / 1e3),
+                unit.format_value(trial.errors.without_down_weighted_um / 1e3),
             ]
             for trial in result.trials
         ],

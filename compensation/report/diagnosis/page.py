@@ -82,7 +82,7 @@ def make_diagnosis_report(
             )
             page.add_figure(draw_rows([comparison], units), caption)
     if diagnosis.outliers:
-        page.add_heading("Readings that belong to no effect")
+        page.add_heading("Outliers")
         page.add_table(
             ["session", "row", f"error, {units.length.name}"],
             [

@@ -107,7 +107,7 @@ def _print(result: Result, written: str) -> None:
         console.print(f"not identifiable: {line}")
     if len(fit.down_weighted):
         console.print(
-            f"{format_count(len(fit.down_weighted), 'reading')} far off have less weight,"
+            f"{format_count(len(fit.down_weighted), 'reading')} down-weighted,"
             f" {len(fit.outliers)} of them outliers"
             + (f": {fit.outlier_words()}" if len(fit.outliers) else "")
         )
