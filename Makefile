@@ -172,7 +172,7 @@ hidden-ablation: develop
 	    $(if $(CASES_ASKED),--cases $(CASES_ASKED)) $(ABLATION_ARGS)
 
 # Each constant that decides, halved and doubled, in frozen cases in which a rule decided (by the
-# ablation of the same commit): make hidden-sensitivity SEEDS=421,301126 [CASES=12]
+# ablation of the same commit), 12 in all or CASES: make hidden-sensitivity SEEDS=421,301126 [CASES=8]
 hidden-sensitivity: develop
 	$(FROZEN)sensitivity --seeds "$(or $(SEEDS),421)" \
 	    $(if $(CASES_ASKED),--most $(CASES_ASKED)) $(SENSITIVITY_ARGS)

@@ -168,7 +168,7 @@ LEFT_OUT_PARTS = 24  # parts of rests left out: about as many as a calibration h
 WALK_RANGE = 1.6  # 1; highest to lowest of a walk, of its end's deviation (Feller 1951: √(8/π))
 MOST_FUNCTIONS = 40  # of a walk: so many leave 1/(π² m) of its variance; sessions need several
 WALK_MOMENTS = 160  # moments at which the walk's covariance is taken
-CORRELATIONS_TRIED = (0.3, 0.5, 0.65, 0.8, MOST_CORRELATION)  # 1; between them along a line
+CORRELATIONS_TRIED = (0.3, 0.5, 0.65, 0.8)  # 1; up to the most; between them along a line
 MOST_MEMORY_RESTS = 400  # rests of a placement; of more too little is absorbed to hide a memory
 
 # The noise

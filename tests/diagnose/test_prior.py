@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.constants import UNKNOWN_PRIOR
+from armd.compensation.diagnose.constants import EXPECTED_PRIOR, UNKNOWN_PRIOR
 from armd.compensation.diagnose.problem.signatures import identify_kind
 from armd.compensation.diagnose.scoring.prior import compute_log_prior, find_log_prior
+from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 from support.small_fit import candidate
 
@@ -37,6 +38,19 @@ def test_what_is_absorbed_takes_no_part() -> None:
 def test_the_values_of_a_grid_share_one_kind() -> None:
     share = np.exp(log_prior_of([DISC, *[SAG] * 40]))
     assert share[0] == pytest.approx(share[1:].sum())
+
+
+def test_a_rare_cause_is_a_tenth_as_probable_as_a_common_one() -> None:
+    share = np.exp(log_prior_of([SAG, candidate("gear_mesh", 2)]))
+    assert share[1] == pytest.approx(CATALOGUE["gear_mesh"].commonness * share[0])
+    assert share[1] == pytest.approx(0.1 * share[0])
+
+
+def test_what_every_arm_may_have_is_there_as_likely_as_not() -> None:
+    kinds = [identify_kind(one) for one in (DISC, SAG, SAG)]
+    expected = np.array([False, True, True])
+    share = np.exp(compute_log_prior(kinds, np.ones(3, dtype=int), expected))
+    assert share[1:] == pytest.approx([EXPECTED_PRIOR / 2, EXPECTED_PRIOR / 2])
 
 
 def test_a_finding_has_the_prior_of_its_kind_and_else_the_least_of_its_cause() -> None:

@@ -42,7 +42,7 @@ class Copy:
         return self.root / ".venv/share/armd"
 
     def environment(self, **more: str) -> dict[str, str]:
-        """That of a revision, this environment's programs first, and *more*."""
+        """Variables for the copy's commands: a revision's, its own programs first, and *more*."""
         path = f"{self.python.parent}:{os.environ.get('PATH', '')}"
         venv_paths = {"PATH": path, "VIRTUAL_ENV": str(self.root / ".venv")}
         return make_environment(self.compiled) | venv_paths | more

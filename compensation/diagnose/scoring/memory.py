@@ -28,6 +28,7 @@ from armd.compensation.diagnose.constants import (
     LEAST_CORRELATION,
     LEAST_POSITIVE,
     LONGEST_GAPS,
+    MOST_CORRELATION,
     MOST_MEMORY_RESTS,
 )
 from armd.compensation.diagnose.problem.linear import Rests
@@ -106,7 +107,7 @@ class Lasting:
             return None
         expected, variance_shares = self._curve
         rising = slice(int(np.argmax(expected)) + 1)  # what lasts still longer shows less
-        tried = np.array([0.0, *CORRELATIONS_TRIED])
+        tried = np.array(_list_tried())
         correlation = float(np.interp(measured, expected[rising], tried[rising]))
         if correlation < LEAST_CORRELATION:  # so much is absorbed that none would show
             return None
@@ -148,9 +149,9 @@ class Lasting:
 
     @cached_property
     def _curve(self) -> tuple[F64, F64]:
-        """For no correlation and those `TRIED`, what is shown of it, and of the variance."""
+        """For no correlation and those tried, what is shown of it, and of the variance."""
         expected, variance_shares = np.array(
-            [self._expect_shown(correlation) for correlation in (0.0, *CORRELATIONS_TRIED)]
+            [self._expect_shown(correlation) for correlation in _list_tried()]
         ).T
         return expected, variance_shares
 
@@ -185,6 +186,11 @@ class Lasting:
             product += float((removed_products * stayed).sum())
         share = max(1.0 - removed / self._size, LEAST_CORRELATION)
         return (correlation - product / self._alike) / share, share
+
+
+def _list_tried() -> list[float]:
+    """No correlation, those of the table, and the most that is noise."""
+    return [0.0, *(c for c in CORRELATIONS_TRIED if c < MOST_CORRELATION), MOST_CORRELATION]
 
 
 def compute_variance_of_sums(weights: F64, sources: F64, tau_s: float, sequence: Sequence) -> float:

@@ -17,9 +17,9 @@ CandidateKind = tuple[str, ...]
 
 
 def compute_log_prior(kinds: Sequence[CandidateKind], freedom: I64, expected: Mask) -> F64:
-    """(C,) of candidates: uniform over causes (as common as they are), then places, then kinds,
-    then the grid; those absorbed, without *freedom* (C,), take no part: −inf. Those *expected* (C,)
-    are there as likely as not.
+    """(C,) log priors of candidates: shared among causes by their commonness, then equally among
+    places, kinds and values of a grid. Those absorbed, without *freedom* (C,), take no part: −inf.
+    Those *expected* (C,) are there as likely as not.
 
     A constant that shifted once is one kind, its step at one of forty instants another: a fine
     grid must not make its place's plain kinds improbable.
@@ -44,8 +44,8 @@ def compute_log_prior(kinds: Sequence[CandidateKind], freedom: I64, expected: Ma
 
 
 def find_log_prior(kind: CandidateKind, kinds: Sequence[CandidateKind], log_prior: F64) -> float:
-    """That of a finding of a *kind*, from the *log_prior* (C,) of the catalogue's candidates: of
-    its kind, or, where none is like it, the least of its cause."""
+    """The log prior of a finding of this *kind*, from those (C,) of the catalogue's candidates:
+    that of its kind, or, where none is of it, the least of its cause."""
     able = np.flatnonzero(np.isfinite(log_prior)).tolist()
     of_cause = [i for i in able if kinds[i][0] == kind[0]]
     alike = [float(log_prior[i]) for i in of_cause if kinds[i] == kind]

@@ -40,7 +40,8 @@ from armd.compensation.model.arm import Arm
 
 #: What joins the findings of a projection, of the candidates with these scores in so many tests.
 Choose = Callable[[Projection, Scores, int], Candidate | None]
-#: How probable a set of findings is, by the projection of none and the scores of the catalogue.
+#: Log posterior of a set of findings, from the projection of none and the catalogue's scores;
+#: given, like `Choose`, and not imported: no chain of imports is longer than eight.
 Weigh = Callable[[Sequence[Candidate], Projection, Scores], float]
 
 #: Whether a candidate is one of those asked about.

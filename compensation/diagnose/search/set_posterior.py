@@ -30,12 +30,13 @@ from armd.compensation.model.arm import Arm
 def compute_log_posterior(
     about: Fit, findings: Sequence[Candidate], arm: Arm, scores: Scores
 ) -> float:
-    """That of *findings*, about a fit's point; *scores* of the catalogue hold the priors."""
+    """Log posterior (nat, up to a constant) of all *findings* together, linearised about the point
+    of the fit *about*; *scores* hold the catalogue's priors."""
     return weigh_set(findings, make_projection(solve_again(about, [], arm), arm), scores)
 
 
 def weigh_set(findings: Sequence[Candidate], projection: Projection, scores: Scores) -> float:
-    """The same by the *projection* of a fit that has found nothing.
+    """The same number from the *projection* of a fit without findings.
 
     The shape of a lag is how its sessions began; with that open it may be slower.
     """

@@ -1,9 +1,10 @@
 """`make hidden-sensitivity SEEDS=421,…`: what the diagnosis answers with another constant.
 
 Each constant that decides is halved and doubled, and the same frozen cases are diagnosed with each
-value: three of four are cases in which some rule decided, as `make hidden-ablation` found at the
-same commit (in all others no decision was close), one of four is an arm with nothing wrong. All are
-short ones. `--most` bounds them, drawn by a seed of its own.
+value. Three of four were chosen because a rule changed their answer (`make hidden-ablation` at the
+same commit), one of four is an arm with nothing wrong, and all are short: counts are no rates, and
+so few clean arms say nothing of false alarms in a hundred. `--most` bounds them, drawn by a seed of
+its own.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from hidden.frozen.ablation import Answer, Task, find_answers, find_kept_answers, judge
 from hidden.frozen.freeze import CACHE, ROOT
-from hidden.frozen.revision import commit_of
-from hidden.frozen.variations import WAYS, list_deciding_constants, list_variations
+from hidden.frozen.revision import commit_of, is_dirty
+from hidden.frozen.variations import WAYS, list_constants, list_variations
 
 DRAWN_BY = 44
 MOST_CASE_S = 6.0  # processor seconds of a case's diagnosis: each is made over a hundred times
@@ -34,7 +35,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", default="421", help="of frozen cases, separated by commas")
     parser.add_argument("--most", type=int, default=12, help="cases at most")
-    parser.add_argument("--only", nargs="*", metavar="NAME", help="these constants; without, all")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="these constants; without, all",
+                        choices=[constant.name for constant in list_constants()])  # fmt: skip
     parser.add_argument("--csv", type=Path, help="where the table is written")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     args = parser.parse_args()
@@ -43,7 +45,9 @@ def main() -> int:
     if not cases:
         sys.exit(f"armd: {answers}: found no case in which a rule decided, expected those of "
                  "make hidden-ablation at this commit")  # fmt: skip
-    names = [name for name in list_deciding_constants() if not args.only or name in args.only]
+    if is_dirty(ROOT):
+        print("armd: files are changed that are not committed; answers are kept as of HEAD")
+    names = [c.name for c in list_constants() if not args.only or c.name in args.only]
     rules = [rule for rule in list_variations() if rule.name.split()[0] in names]
     with_all = find_answers([Task(case, "", answers) for case in cases], args.workers)
     tasks = [Task(case, rule.name, answers) for rule in rules for case in cases]
@@ -64,7 +68,7 @@ def draw_cases(answers: Path, seeds: Sequence[str], most: int) -> list[Path]:
         if seed not in seeds or "" not in kept:
             continue
         case, answer = CACHE / seed / name, kept.pop("")
-        if answer.ran.diagnose_s > MOST_CASE_S:
+        if answer.ran.refused or answer.ran.diagnose_s > MOST_CASE_S:
             continue
         if name.startswith(("clean", "o-clean")):
             clean.append(case)
@@ -83,7 +87,7 @@ def count_rows(
     names: Sequence[str], as_it_is: Mapping[Path, Answer], varied: Mapping[Task, Answer]
 ) -> list[dict[str, object]]:
     """Of each constant, how many answers are others with another value, and better or worse."""
-    values, rows = list_deciding_constants(), []
+    values, rows = {c.name: c.value for c in list_constants()}, []
     for name in names:
         row: dict[str, object] = {"constant": name, "value": values[name]}
         for way in WAYS:
@@ -98,8 +102,9 @@ def count_rows(
 
 def make_table(rows: Sequence[Mapping[str, object]]) -> list[str]:
     """The rows as text."""
-    lines = ["  ".join(f"{column:>15s}" for column in COLUMNS)]
-    return lines + ["  ".join(f"{row[column]!s:>15s}" for column in COLUMNS) for row in rows]
+    cells = [list(COLUMNS), *([str(row[column]) for column in COLUMNS] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return ["  ".join(map(str.ljust, line, widths)).rstrip() for line in cells]
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:

@@ -20,7 +20,7 @@ from hidden.frozen.freeze import (
 )
 from hidden.frozen.oracle import BEFORE, DIAGNOSED, FURTHER, Problem
 from hidden.frozen.other_kinds import _rounded
-from hidden.frozen.revision import check_out, commit_of, is_dirty
+from hidden.frozen.revision import check_out, commit_of, is_dirty, make_environment
 from hidden.frozen.run import Ran
 from hidden.frozen.score import compare, score
 
@@ -35,6 +35,16 @@ def finding(cause: str, location: str, probability: float, *variables: str) -> d
         "cause": cause, "location": location, "probability": probability,
         "depends_on": list(variables), "alternatives": [],
     }  # fmt: skip
+
+
+def test_a_revisions_commands_inherit_no_settings_of_python_armd_and_pytest(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in ("PYTHONPATH", "ARMD_STATE", "PYTEST_XDIST_WORKER"):
+        monkeypatch.setenv(name, "1")
+    made = make_environment(tmp_path)
+    assert not any(name.startswith(("PYTHON", "ARMD_", "PYTEST_")) for name in made)
+    assert made["PATH"] and made["NUMBA_CACHE_DIR"] == str(tmp_path)
 
 
 def test_there_are_three_hundred_cases_of_every_kind() -> None:

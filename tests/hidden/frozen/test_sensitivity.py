@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from hidden.frozen.ablation import Answer, Task
 from hidden.frozen.case import Cause, Truth, write_truth
 from hidden.frozen.run import Ran
 from hidden.frozen.sensitivity import count_rows, draw_cases, make_table, write_rows
-from hidden.frozen.variations import list_deciding_constants, list_variations, vary
+from hidden.frozen.variations import NOT_VARIED, list_constants, list_variations, vary
 
 from armd.compensation.diagnose import constants
 
@@ -23,26 +25,55 @@ RIGHT, NOTHING = Answer(Ran((SCALE,), 10.0, 6.0), {}), Answer(Ran((), 10.0, 10.0
 
 
 def test_the_table_has_what_decides_and_nothing_that_is_drawn() -> None:
-    deciding = list_deciding_constants()
-    assert deciding["ALPHA"] == constants.ALPHA and len(deciding) <= 60
-    assert "SURE" not in deciding and "MOST_SEARCH_STEPS" not in deciding
+    varied = {constant.name: constant for constant in list_constants()}
+    assert varied["ALPHA"].value == constants.ALPHA and varied["ALPHA"].unit == "1"
+    assert varied["LEAST_UNEVEN"].unit == "noise units over all readings"
+    assert {"SURE", "MOST_SEARCH_STEPS", *NOT_VARIED}.isdisjoint(varied)
     names = [rule.name for rule in list_variations()]
     assert names[:2] == ["ALPHA halved", "ALPHA doubled"] and len(set(names)) == len(names)
 
 
 @pytest.mark.parametrize(
-    ("value", "halved", "doubled"),
-    [(0.01, 0.005, 0.02), (-40.0, -20.0, -80.0), (10, 5, 20), (1, 1, 2), (0.5, 0.25, 0.75),
-     (0.8, 0.6, 0.9), (1.25, 1.125, 1.5), (1.0, 0.5, 2.0), (2.0, 1.0, 4.0),
-     ((0.3, 100.0), (0.15, 50.0), (0.6, 200.0)), ({"mm": 1.0}, {"mm": 0.5}, {"mm": 2.0})],
+    ("value", "unit", "halved", "doubled"),
+    [(0.01, "1", 0.005, 0.02), (-40.0, "nat", -20.0, -80.0), (10, "causes", 5, 20),
+     (1, "rests", 1, 2), (0.5, "1", 0.25, 0.75), (0.5, "noise units", 0.25, 1.0),
+     (0.8, "1", 0.6, 0.9), (1.25, "1", 1.125, 1.5), (1.0, "σ", 0.5, 2.0), (2.0, "1", 1.0, 4.0),
+     ((0.3, 100.0), "1", (0.6, 50.0), (0.15, 200.0)),
+     ({"mm": 1.0}, "mm", {"mm": 0.5}, {"mm": 2.0})],
 )  # fmt: skip
-def test_a_constant_is_halved_and_doubled(value: object, halved: object, doubled: object) -> None:
+def test_a_constant_is_halved_and_doubled(
+    value: object, unit: str, halved: object, doubled: object
+) -> None:
     for factor, expected in ((0.5, halved), (2.0, doubled)):
-        varied = vary(value, factor)
-        if isinstance(value, tuple | dict):
-            assert varied == expected and type(varied) is type(value)
+        varied = vary(value, factor, unit)
+        if isinstance(value, dict):
+            assert varied == expected
         else:
-            assert varied == pytest.approx(expected) and type(varied) is type(value)
+            assert varied == pytest.approx(expected)
+        assert type(varied) is type(value)
+
+
+def test_every_constant_is_read_where_it_is_set() -> None:
+    """In another process: a value that something was made of at import would change nothing."""
+    code = (
+        "import sys\n"
+        "from hidden.frozen import ablation, switches\n"
+        "from hidden.frozen.variations import list_variations\n"
+        "ablation._import_all()\n"
+        "modules = [m for m in switches._list_modules() if m.__name__ != switches.CONSTANTS]\n"
+        "for rule in list(list_variations()):\n"
+        "    ((name, value),) = rule.values.items()\n"
+        "    before = getattr(sys.modules[switches.CONSTANTS], name)\n"
+        "    having = [m for m in modules if vars(m).get(name) is before]\n"
+        "    switches.switch_off(rule)\n"
+        "    assert having and all(vars(m)[name] is value for m in having), name\n"
+        "    assert all('.diagnose.' in m.__name__ for m in having), name  # no other's constant\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=Path(__file__).parents[2], capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.fixture
@@ -64,10 +95,12 @@ def keep(path: Path, answer: Answer) -> None:
 def test_cases_are_those_in_which_a_rule_decides_and_clean_ones(
     cases: list[Path], tmp_path: Path
 ) -> None:
-    """Short ones: the fourth takes too long."""
+    """Short ones, that were not refused."""
     keep(tmp_path / "answers" / "421-clean-00" / "all.json", NOTHING)
     slow = replace(NOTHING, ran=replace(NOTHING.ran, diagnose_s=60.0))
     keep(tmp_path / "answers" / "421-clean-01" / "all.json", slow)
+    refused = replace(NOTHING, ran=Ran(refused="no calibration"))
+    keep(tmp_path / "answers" / "421-clean-02" / "all.json", refused)
     for name, without in (("single-00", NOTHING), ("single-01", RIGHT)):
         keep(tmp_path / "answers" / f"421-{name}" / "all.json", RIGHT)
         keep(tmp_path / "answers" / f"421-{name}" / "a-shape-as-a-finding.json", without)
