@@ -3,7 +3,8 @@
 First those that decide what is found, how probable it is and whether it is written; then what is
 only drawn and worded, what bounds the work, and what keeps the arithmetic defined. `1` is a ratio
 or a probability, `σ` a number of standard uncertainties, `nat` natural logarithms of a probability.
-What a cause can do to an arm stands with it in `effects/`.
+What a cause can do to an arm stands with it in `effects/`. What halving and doubling each of the
+first does to frozen cases: docs/developer/constants.csv.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 from hidden.frozen import sensitivity
 from hidden.frozen.ablation import Answer, Task
 from hidden.frozen.case import Cause, Truth, write_truth
+from hidden.frozen.freeze import ROOT
 from hidden.frozen.run import Ran
 from hidden.frozen.sensitivity import count_rows, draw_cases, make_table, write_rows
 from hidden.frozen.variations import NOT_VARIED, list_constants, list_variations, vary
@@ -31,6 +33,12 @@ def test_the_table_has_what_decides_and_nothing_that_is_drawn() -> None:
     assert {"SURE", "MOST_SEARCH_STEPS", *NOT_VARIED}.isdisjoint(varied)
     names = [rule.name for rule in list_variations()]
     assert names[:2] == ["ALPHA halved", "ALPHA doubled"] and len(set(names)) == len(names)
+
+
+def test_every_constant_that_decides_has_its_row() -> None:
+    with (ROOT / "docs/developer/constants.csv").open(encoding="utf-8", newline="") as file:
+        rows = {row["constant"]: row["value"] for row in csv.DictReader(file)}
+    assert rows == {constant.name: str(constant.value) for constant in list_constants()}
 
 
 @pytest.mark.parametrize(
