@@ -37,7 +37,7 @@ class Flagger:
         self, slow: Flag, stale_after_ns: int, invalid_after_ns: int, calibration: int
     ) -> None:
         """From the next sample on. *slow* holds for all: the flags that change with a temperature
-        or a calibration (NOT_COMPENSATED, TEMPERATURE_RANGE, TEMPERATURE_RATE). After the two
+        or a calibration (TEMPERATURE_RANGE, TEMPERATURE_RATE, NOT_CALIBRATED). After the two
         instants the temperature is stale, and held no longer."""
         self.memory["slow"] = int(slow)
         self.memory["stale_after_ns"] = stale_after_ns
