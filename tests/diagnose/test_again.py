@@ -93,8 +93,6 @@ def test_ten_nats_less_are_as_likely_and_what_was_parted_otherwise_is_not_compar
         return SimpleNamespace(searched=fitted, scores=None)
 
     weight = {(DISC,): 50.0, (SCALE,): 50.0 + nats}
-    monkeypatch.setattr(
-        module, "compute_log_posterior", lambda _about, found, _arm, _scores: weight[found]
-    )
+    monkeypatch.setattr(module, "compute_log_odds", lambda new, old, *_: weight[new] - weight[old])
     before, again = of([0, 0, 1], DISC), of([0, 0, 2] if parted else [0, 0, 1], SCALE)
     assert is_likely_beside(again, before, ARM) is counts

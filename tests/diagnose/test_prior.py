@@ -57,9 +57,9 @@ def test_a_finding_has_the_prior_of_its_kind_and_else_the_least_of_its_cause() -
     kinds = [identify_kind(one) for one in (DISC, OTHER_DISC, SAG)]
     log_prior = np.log([0.2, 0.1, 0.5])
 
-    def found(cause: str, joint: int) -> float:
+    def find_of(cause: str, joint: int) -> float:
         return find_log_prior(identify_kind(candidate(cause, joint)), kinds, log_prior)
 
-    assert found("encoder_eccentricity", 1) == np.log(0.2)
-    assert found("encoder_eccentricity", 3) == np.log(0.1)
-    assert found("gear_mesh", 3) == np.log(UNKNOWN_PRIOR)
+    assert find_of("encoder_eccentricity", 1) == np.log(0.2)
+    assert find_of("encoder_eccentricity", 3) == np.log(0.1)
+    assert find_of("gear_mesh", 3) == np.log(UNKNOWN_PRIOR)

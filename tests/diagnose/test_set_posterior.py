@@ -16,8 +16,8 @@ N = 12
 def log_density_ratio(columns: np.ndarray, size: np.ndarray, residual: np.ndarray) -> float:
     """Of a residual with amplitudes normal of a *size* (m,) against unit noise alone."""
     wide = np.eye(len(residual)) + columns @ np.diag(size**2) @ columns.T
-    some = multivariate_normal(cov=wide).logpdf(residual)
-    return float(some - multivariate_normal(cov=np.eye(len(residual))).logpdf(residual))
+    with_amplitudes = multivariate_normal(cov=wide).logpdf(residual)
+    return float(with_amplitudes - multivariate_normal(cov=np.eye(len(residual))).logpdf(residual))
 
 
 def test_the_evidence_of_a_set_is_that_of_the_normal_densities() -> None:

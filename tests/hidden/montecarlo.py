@@ -115,9 +115,10 @@ def _said(diagnosis: Diagnosis) -> tuple[tuple[str, str, float], ...]:
 
 def judge(task: Task) -> Outcome:
     plants = plants_for(task)
-    judged = run_case(task.seed, plants, NOISES.get(task.kind, NOISES["gaussian"]))
+    noise = NOISES.get(task.kind, NOISES["gaussian"])
+    judged = run_case(task.seed, plants, noise)
     places = [f.candidate.place for f in judged.diagnosis.findings]
-    if judged.diagnosis.outliers and task.kind != "tails that last":  # there they are true
+    if judged.diagnosis.outliers and noise.tails != "t3":  # there they are true
         places.append(("outliers", "rows"))
     return Outcome(
         task.kind,

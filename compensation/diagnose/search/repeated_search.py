@@ -12,7 +12,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.threshold import is_significant
-from armd.compensation.diagnose.search.set_posterior import compute_log_posterior
+from armd.compensation.diagnose.search.set_posterior import compute_log_odds
 from armd.compensation.model.arm import Arm
 
 
@@ -66,11 +66,8 @@ def is_likely_beside(repeated: SearchResult, before: SearchResult, arm: Arm) -> 
     placements = [fitted.linear.rests.observations.placement for fitted in (about, repeated_fit)]
     if not np.array_equal(placements[0], placements[1]):
         return True
-    weights = [
-        compute_log_posterior(about, findings, arm, before.scores)
-        for findings in (repeated_fit.findings, about.findings)
-    ]
-    return weights[0] >= weights[1] - AS_WELL
+    likelier = compute_log_odds(repeated_fit.findings, about.findings, about, arm, before.scores)
+    return likelier >= -AS_WELL
 
 
 def has_clearly_lower_noise(fitted: Fit, reference: Fit) -> bool:

@@ -93,7 +93,7 @@ class Revisit:
     def find_rival_sets(self) -> list[RivalSet]:
         """Other sets of no more amplitudes, the likeliest first."""
         findings = self._fit.findings
-        now, rival_sets = self._log_posterior(findings), {}
+        log_posterior, rival_sets = self._log_posterior(findings), {}
         for i, finding in enumerate(findings):
             if is_shape(finding):
                 continue
@@ -109,7 +109,7 @@ class Revisit:
                     if has_more or _places(tried) == _places(findings):
                         continue
                     set_key = frozenset((c.place, c.depends_on, c.setting) for c in tried)
-                    likelier = self._log_posterior(tried) - now
+                    likelier = self._log_posterior(tried) - log_posterior
                     rival_sets[set_key] = RivalSet(tuple(tried), likelier)
         return sorted(rival_sets.values(), key=lambda rival_set: -rival_set.likelier)
 

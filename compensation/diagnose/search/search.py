@@ -45,7 +45,7 @@ from armd.compensation.diagnose.search.selection import (
     find_strongest_left,
     make_key,
 )
-from armd.compensation.diagnose.search.set_posterior import compute_log_posterior, weigh_set
+from armd.compensation.diagnose.search.set_posterior import compute_log_odds, weigh_set
 from armd.compensation.diagnose.search.survey import Survey
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects import catalogue
@@ -251,11 +251,9 @@ class Search:
             if find_refusal(another, current, survey.arm):
                 continue
             another = survey.prune(another)
-            weights = [
-                compute_log_posterior(another, fitted.findings, survey.arm, scored.scores)
-                for fitted in (current, another)
-            ]
-            likelier = weights[1] - weights[0]
+            likelier = compute_log_odds(
+                another.findings, current.findings, another, survey.arm, scored.scores
+            )
             if require_heldout(rival_set.findings, current.findings, likelier) is not None:
                 return another
         return current

@@ -27,16 +27,23 @@ from armd.compensation.effects.effect import SCALES, Candidate
 from armd.compensation.model.arm import Arm
 
 
-def compute_log_posterior(
-    about: Fit, findings: Sequence[Candidate], arm: Arm, scores: Scores
+def compute_log_odds(
+    findings: Sequence[Candidate],
+    instead_of: Sequence[Candidate],
+    about: Fit,
+    arm: Arm,
+    scores: Scores,
 ) -> float:
-    """Log posterior (nat, up to a constant) of all *findings* together, linearised about the point
-    of the fit *about*; *scores* hold the catalogue's priors."""
-    return weigh_set(findings, make_projection(solve_again(about, [], arm), arm), scores)
+    """By how many nats all *findings* together are likelier than those *instead_of*, both
+    linearised about the point of the fit *about*; *scores* hold the catalogue's priors."""
+    projection = make_projection(solve_again(about, [], arm), arm)
+    log_posterior, against = (weigh_set(c, projection, scores) for c in (findings, instead_of))
+    return log_posterior - against
 
 
 def weigh_set(findings: Sequence[Candidate], projection: Projection, scores: Scores) -> float:
-    """The same number from the *projection* of a fit without findings.
+    """Log posterior (nat, up to a constant) of all *findings* together, from the *projection* of a
+    fit without findings; *scores* hold the catalogue's priors.
 
     The shape of a lag is how its sessions began; with that open it may be slower.
     """

@@ -64,22 +64,22 @@ def draw_cases(answers: Path, seeds: Sequence[str], most: int) -> list[Path]:
     decided, clean = list[Path](), list[Path]()
     for folder in sorted(answers.glob("*")):
         seed, _, name = folder.name.partition("-")
-        kept = find_kept_answers(folder)
-        if seed not in seeds or "" not in kept:
+        by_rule = find_kept_answers(folder)
+        if seed not in seeds or "" not in by_rule:
             continue
-        case, answer = CACHE / seed / name, kept.pop("")
+        case, answer = CACHE / seed / name, by_rule.pop("")
         if answer.ran.refused or answer.ran.diagnose_s > MOST_CASE_S:
             continue
         if name.startswith(("clean", "o-clean")):
             clean.append(case)
-        elif any(judge(case, answer.ran, without.ran) != "=" for without in kept.values()):
+        elif any(judge(case, answer.ran, without.ran) != "=" for without in by_rule.values()):
             decided.append(case)
     n_clean = most // CLEAN_SHARE
     rng = np.random.default_rng(DRAWN_BY)
     return [
-        some[i]
-        for some, n in ((decided, most - n_clean), (clean, n_clean))
-        for i in sorted(rng.permutation(len(some))[:n])
+        group[i]
+        for group, n in ((decided, most - n_clean), (clean, n_clean))
+        for i in sorted(rng.permutation(len(group))[:n])
     ]
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -20,24 +18,18 @@ from hidden.frozen.ablation import (
     make_table,
     write_rows,
 )
-from hidden.frozen.case import Cause, Truth, write_truth
 from hidden.frozen.rules import RULES
 from hidden.frozen.run import Ran
 from hidden.frozen.switches import Rule, is_other
 
-SCALE = {
-    "cause": "encoder_scale", "location": "joint 3", "probability": 0.99, "depends_on": ["q3"],
-}  # fmt: skip
+from support.frozen_case import SCALE, run_in_another_process, write_case
+
 WITH = Ran((SCALE,), 10.0, 6.0)
 
 
 @pytest.fixture
 def case(tmp_path: Path) -> Path:
-    folder = tmp_path / "421" / "single-00"
-    folder.mkdir(parents=True)
-    cause = Cause("encoder_scale", "joint 3", 12.0, variables=("q3",))
-    write_truth(folder, Truth("single", 1, "encoder_scale joint 3 -6.5", (cause,)))
-    return folder
+    return write_case(tmp_path / "421" / "single-00")
 
 
 def test_every_rule_can_be_watched_and_switched_off() -> None:
@@ -55,11 +47,7 @@ def test_every_rule_can_be_watched_and_switched_off() -> None:
         "assert search.Search._revisited('search', 'current') == 'current'\n"
         "assert selection.MOST_RICHER == 0\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=Path(__file__).parents[2], capture_output=True,
-        text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    run_in_another_process(code)
     assert len({rule.name for rule in RULES}) == len(RULES)
 
 

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 from hidden.frozen import sensitivity
 from hidden.frozen.ablation import Answer, Task
-from hidden.frozen.case import Cause, Truth, write_truth
 from hidden.frozen.freeze import ROOT
 from hidden.frozen.run import Ran
 from hidden.frozen.sensitivity import count_rows, draw_cases, make_table, write_rows
 from hidden.frozen.variations import NOT_VARIED, list_constants, list_variations, vary
 
 from armd.compensation.diagnose import constants
+from support.frozen_case import SCALE, run_in_another_process, write_case
 
-SCALE = {
-    "cause": "encoder_scale", "location": "joint 3", "probability": 0.99, "depends_on": ["q3"],
-}  # fmt: skip
 RIGHT, NOTHING = Answer(Ran((SCALE,), 10.0, 6.0), {}), Answer(Ran((), 10.0, 10.0), {})
 
 
@@ -77,22 +72,13 @@ def test_every_constant_is_read_where_it_is_set() -> None:
         "    assert having and all(vars(m)[name] is value for m in having), name\n"
         "    assert all('.diagnose.' in m.__name__ for m in having), name  # no other's constant\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=Path(__file__).parents[2], capture_output=True,
-        text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    run_in_another_process(code)
 
 
 @pytest.fixture
 def cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     monkeypatch.setattr(sensitivity, "CACHE", tmp_path)
-    folders = [tmp_path / "421" / name for name in ("single-00", "single-01")]
-    for folder in folders:
-        folder.mkdir(parents=True)
-        cause = Cause("encoder_scale", "joint 3", 12.0, variables=("q3",))
-        write_truth(folder, Truth("single", 1, "encoder_scale joint 3 -6.5", (cause,)))
-    return folders
+    return [write_case(tmp_path / "421" / name) for name in ("single-00", "single-01")]
 
 
 def keep(path: Path, answer: Answer) -> None:
