@@ -98,7 +98,7 @@ INDISTINGUISHABLE_P = 0.01  # 1; an alternative that would leave nothing signifi
 STEP_P = 1e-3  # 1; chance that noise makes any step of a target
 LEAST_PART = 3  # rests; whose mean says where a target stood
 BEYOND_NOISE = 1.5  # 1; residuals so many times the noise's RMS are more than noise
-HALF_WIDTH = 1.96  # standard deviations; the pointwise band that holds 95 % of the drawn sets
+HALF_WIDTH = 1.96  # standard deviations; the pointwise band that holds 95 % of all data sets
 BEYOND = 0.05  # 1; the share outside it
 BEYOND_FLAT = 10.0  # 2 Δ ln L; what varies must explain so much more than what is flat
 SHARE_BEYOND = 0.1  # 1; and this share of it
@@ -211,13 +211,7 @@ CURVES = 50_000  # curves for a small p-value: the least of 700 must be below 0.
 CURVES_AT_ONCE = 2000  # what a cache holds; drawing ends when BEYOND of so many are outside
 CURVES_SEED = 0xC0E  # of their random numbers
 MOST_TOGETHER = 120  # sums whose covariance is known as a whole; more count as independent
-SETS_SHOWN = 12  # drawn sets kept to be shown
-MOST_DRAWS = 1000  # sets drawn: they tell the covariance of a hundred bins
-LEAST_DRAWS = 400  # sets, where readings and columns are many
-MOST_DRAWN_PRODUCTS = 5e9  # products of rows and columns in all sets: some ten seconds
-MOST_DRAWN_RESTS = 5e6  # rests in all sets
-DRAWS_AT_ONCE = 200  # sets
-DRAWS_SEED = 0x9E9  # of their random numbers
+SETS_SHOWN = 12  # data sets drawn to be shown
 #: features of each shape, by the kind of a variable
 SHAPES_BY_KIND: dict[str, tuple[int, ...]] = {
     "angle": (3, 5, 6), "rate": (2, 3, 4), "temperature": (2, 3, 4), "time": (2,)

@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from armd.compensation.diagnose.constants import (
-    DRAWS_AT_ONCE,
+    HALF_WIDTH,
     LEAST_BIN_RESTS,
     MOST_TOGETHER,
     WIDEST_DEG,
 )
-from armd.compensation.diagnose.predictive import curves, replicates
+from armd.compensation.diagnose.predictive import curves
 from armd.compensation.diagnose.predictive.bins import (
     Bins,
     _bin_by_value,
@@ -26,14 +27,13 @@ from armd.compensation.diagnose.predictive.components import Component, make_com
 from armd.compensation.diagnose.predictive.curves import (
     ResidualComparison,
     ResidualCurve,
-    _compute_noise_scale,
     _make_curves,
+    _sum_up,
     make_layout,
 )
-from armd.compensation.diagnose.predictive.moments import Moments
-from armd.compensation.diagnose.predictive.replicates import Refitted, solve_again
+from armd.compensation.diagnose.predictive.scores import solve_again
 from armd.compensation.diagnose.predictive.strength import Strength, make_features
-from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
+from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums, ShapeSums
 from armd.compensation.report.diagnosis.predictive_plot import (
     choose_for_finding,
     choose_overview,
@@ -138,54 +138,76 @@ def test_a_refit_takes_of_data_what_least_squares_takes() -> None:
     fit = a_fit(rng)
     columns = fit.nuisance.columns.to_dense()[:, :6]
     left = fit.residual - columns @ np.linalg.lstsq(columns, fit.residual, rcond=None)[0]
-    found = solve_again(fit, replace(unit_noise(N), scale_mm=1.0))
-    assert np.abs(found.residual_mm.ravel() - left).max() < 1e-9
+    again = solve_again(fit, replace(unit_noise(N), scale_mm=1.0))
+    assert np.abs(again.residual - again.fitted - left).max() < 1e-9
 
 
-def test_drawn_sets_scatter_as_the_algebra_of_the_refit_says(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Covariance (I − H) of the rests, H the projection on the free columns."""
-    monkeypatch.setattr(replicates, "MOST_DRAWS", 4 * DRAWS_AT_ONCE)
+@pytest.mark.usefixtures("along_the_joints")
+@pytest.mark.parametrize("size", [10, MOST_TOGETHER])
+def test_curves_scatter_as_those_of_sets_that_are_drawn_and_refitted(size: int) -> None:
+    """Ten thousand sets by brute force: copies of a posture in different bins share their error,
+    columns are free or have a prior, and each set is refitted by dense algebra."""
     rng = np.random.default_rng(3)
-    fit = a_fit(rng)
-    columns = fit.nuisance.columns.to_dense()[:, :6]
-    basis = np.linalg.qr(columns)[0]
-    left = np.eye(3 * N) - basis @ basis.T
-    drawn = np.concatenate(
-        [*Refitted(fit, fit.rest_residual_mm).draw_replicates()], axis=2
-    ).reshape(3 * N, -1)
-    assert drawn.shape[1] == 4 * DRAWS_AT_ONCE
-    assert np.abs(basis.T @ drawn).max() < 1e-9
-    ratio = (drawn**2).mean(axis=1) / np.diag(left)
-    assert np.abs(ratio.mean() - 1.0) < 0.01 and np.abs(ratio - 1.0).max() < 0.25
+    posture = np.arange(N) // 2
+    free, held = rng.normal(size=(2, N // 2, 3, 4))
+    joints = rng.normal(size=(N // 2, 3, JOINTS))[posture]
+    columns = np.concatenate([free, held], axis=2)[posture].reshape(3 * N, 8)
+    fit = small_fit(np.zeros(3 * N), columns[:, :4], identified=columns[:, 4:])
+    fit.linear.rests.posture = posture
+    linear: Any = SimpleNamespace(rests=fit.linear.rests, joints=joints)
+    whitener = np.linalg.inv(np.tril(rng.normal(size=(N // 2, 3, 3))) + 3.0 * np.eye(3))[posture]
+    noise = replace(fit.noise, whitener=whitener).with_shared_part(0.6, posture)
+    fit = replace(fit, linear=linear, baseline=SimpleNamespace(is_given=False))
 
+    roots = np.linalg.inv(whitener)
+    common = rng.normal(size=(N // 2, 3, 10_000))[posture]
+    drawn = roots @ (np.sqrt(0.6) * common + np.sqrt(0.4) * rng.normal(size=(N, 3, 10_000)))
+    amplitudes = np.concatenate([np.zeros((4, 10_000)), 10.0 * rng.normal(size=(4, 10_000))])
+    drawn = drawn.reshape(3 * N, -1) + columns @ amplitudes
+    covariance = np.zeros((3 * N, 3 * N))
+    for i, j in zip(*np.nonzero(posture[:, None] == posture), strict=True):
+        block = (1.0 if i == j else 0.6) * roots[i] @ roots[j].T
+        covariance[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = block
+    weighted = np.linalg.solve(covariance, columns)
+    prior = np.diag([0.0] * 4 + [0.01] * 4)
+    taken = columns @ np.linalg.solve(columns.T @ weighted + prior, weighted.T @ drawn)
+    left = (drawn - taken).reshape(N, 3, -1)
+    again = solve_again(replace(fit, residual=drawn[:, 0]), noise)
 
-def test_copies_of_a_posture_share_their_error_by_the_part_found(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(replicates, "MOST_DRAWS", 4 * DRAWS_AT_ONCE)
-    fit = a_fit(np.random.default_rng(4))
-    fit.linear.rests.posture = np.arange(N) // 2
-    shared = replace(fit, noise=replace(fit.noise, shared_part=0.6, counts=np.ones(N)))
-    drawn = np.concatenate([*Refitted(shared, shared.rest_residual_mm).draw_replicates()], axis=2)
-    pairs = (drawn[::2] * drawn[1::2]).mean() / (drawn**2).mean()
-    assert pairs == pytest.approx(0.6, abs=0.03)
+    order = rng.permutation(N)
+    starts = np.arange(N)[:: N // 10] if size == 10 else np.arange(N)
+    bins = Bins("q1", "joint 1, °", order, starts, np.arange(float(len(starts))))
+    assert (len(starts) < MOST_TOGETHER) == (size == 10)
+    layout = make_layout([bins], again.nuisance.columns)
+    sums = _sum_up(again, layout)
+    for k, curve in enumerate(_make_curves(sums, layout, np.ones(JOINTS))):
+        metric = np.einsum("nji,njk,nk->ni", whitener, whitener, joints[:, :, k])
+        parts = np.einsum("ni,nir->nr", metric, left)[order]
+        lever = np.add.reduceat(np.einsum("ni,ni->n", metric, joints[:, :, k])[order], starts)
+        means = np.add.reduceat(parts, starts, axis=0) / lever[:, None]
+        sigma = means.std(axis=1)
+        assert curve.band == pytest.approx(HALF_WIDTH * sigma, rel=0.06)
+        if size == 10:
+            correlation = np.corrcoef(means)
+            assert np.abs(correlation - np.eye(10)).max() > 0.1
+            own = np.sqrt(np.diag(curve.covariance))
+            assert curve.covariance / np.outer(own, own) == pytest.approx(correlation, abs=0.05)
+        squares = (np.einsum("ni,nir->nr", metric, left) ** 2).sum(axis=0)
+        assert sums.spread[k] ** 2 == pytest.approx(squares[0] / squares.mean(), rel=0.02)
 
 
 @pytest.mark.usefixtures("along_the_joints")
 def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(replicates, "MOST_DRAWS", 2 * DRAWS_AT_ONCE)
     monkeypatch.setattr(curves, "CURVES", 1000)
     even = np.ones(JOINTS)
     low, high = [], []
     for seed in range(60):
         rng = np.random.default_rng([seed, 5])
         fit = a_fit(rng)
-        bins = ten_bins(rng)
-        for curve in _make_curves(solve_again(fit, fit.noise), make_layout([bins], N), even):
+        layout = make_layout([ten_bins(rng)], fit.nuisance.columns)
+        for curve in _make_curves(_sum_up(solve_again(fit, fit.noise), layout), layout, even):
             low.append(curve.p_value <= 0.1)
             high.append(curve.p_value > 0.3)
     # Of few bins the share is coarse: p-values stand on few steps, none too small too often.
@@ -196,35 +218,43 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     step = np.zeros((N, 3))
     step[bins.order[:48]] = 3.0 * fit.linear.joints[bins.order[:48], :, 1]
     planted = replace(fit, residual=fit.residual + step.ravel())
-    layout = make_layout([bins], N)
-    first, second = _make_curves(solve_again(planted, fit.noise), layout, even)
+    layout = make_layout([bins], fit.nuisance.columns)
+    sums = _sum_up(solve_again(planted, fit.noise), layout)
+    first, second = _make_curves(sums, layout, even)
     assert second.outside >= 0.4 and second.p_value <= 0.01
-    assert (np.abs(second.mean[:4] - 3.0) < 1.0).all() and second.draws == 2 * DRAWS_AT_ONCE
+    assert (np.abs(second.mean[:4] - 3.0) < 1.0).all()
     assert second.outside > first.outside and second.rms_um > 2 * first.rms_um
     assert second.strength.noise_units > 20 and first.strength.noise_units < 8
     # Where the last fit's residuals scatter more along a joint, so does its band.
-    scale = _compute_noise_scale(solve_again(planted, fit.noise))
-    assert scale[1] > 1.5 and scale[1] > 1.2 * scale[0]
-    wide = _make_curves(solve_again(planted, fit.noise), layout, scale)[1]
-    assert wide.high == pytest.approx(scale[1] * second.high)
+    assert sums.spread[1] > 1.5 and sums.spread[1] > 1.2 * sums.spread[0]
+    wide = _make_curves(sums, layout, sums.spread)[1]
+    assert wide.band == pytest.approx(sums.spread[1] * second.band)
 
 
-def test_moments_of_sums_do_not_depend_on_how_the_sets_come() -> None:
-    rng = np.random.default_rng(8)
-    sums = rng.normal(size=(10, 40))
-    moments = Moments(10, 2)
-    for some in np.split(sums, 2, axis=1):
-        moments.add(0, some)
-        moments.add(1, 2.0 * some)
-    assert moments.draws == 40
-    assert moments.covariance(0) == pytest.approx(sums @ sums.T / 40)
-    assert moments.covariance(1) == pytest.approx(4.0 * moments.covariance(0))
-    assert np.allclose(moments.first_sums[1], 2.0 * sums[:, : moments.first_sums.shape[2]])
-    # Too many bins to be taken together: each by itself.
-    many = Moments(MOST_TOGETHER + 1, 1)
-    wide = rng.normal(size=(MOST_TOGETHER + 1, 20))
-    many.add(0, wide)
-    assert many.covariance(0) == pytest.approx((wide**2).mean(axis=1))
+@pytest.mark.usefixtures("along_the_joints")
+def test_noise_spreads_along_each_component_as_the_models_sets_do() -> None:
+    spread = []
+    for seed in range(20):
+        fit = a_fit(np.random.default_rng([seed, 8]))
+        layout = make_layout([ten_bins(np.random.default_rng(seed))], fit.nuisance.columns)
+        spread.append(_sum_up(solve_again(fit, fit.noise), layout).spread)
+    # χ² of 114 degrees of freedom a component and set.
+    assert np.square(spread).mean() == pytest.approx(1.0, abs=0.06)
+
+
+@pytest.mark.usefixtures("along_the_joints")
+@pytest.mark.parametrize("independent", [False, True])
+def test_sets_that_are_shown_scatter_as_their_curve_says(
+    monkeypatch: pytest.MonkeyPatch, independent: bool
+) -> None:
+    monkeypatch.setattr(curves, "SETS_SHOWN", 20_000)
+    covariance = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.5], [0.0, 0.5, 9.0]])
+    curve = replace(
+        compared("q1", joint(1), 0.1, 1.0).before,
+        covariance=np.diag(covariance) if independent else covariance,
+    )
+    expected = np.diag(np.diag(covariance)) if independent else covariance
+    assert np.cov(curve.sets.T) == pytest.approx(expected, abs=0.2)
 
 
 def test_sums_of_several_variables_are_those_of_each() -> None:
@@ -233,14 +263,24 @@ def test_sums_of_several_variables_are_those_of_each() -> None:
     short = replace(second, order=second.order[:90], values=np.sort(rng.normal(size=90)))
     features = [make_features(bins) for bins in (first, short)]
     values = rng.normal(size=(N, 4))
-    sums = FunctionSums([*map(Functions.from_features, features, (first, short), (N, N))])
+    pieces = np.split(rng.permutation(N), [30, 70])
+    functions = [*map(Functions.from_features, features, (first, short), (N, N))]
+    sums = FunctionSums(functions, pieces)
+    all_sums = sums.sum_at_all(values)
+    by_piece = [sums.sum_at_piece(i, values[rests]) for i, rests in enumerate(pieces)]
+    assert np.sum(by_piece, axis=0) == pytest.approx(all_sums)
+    assert sums.sum_at_all(csr_array(values)) == pytest.approx(all_sums)
     for bins, of_rests, over_bins, over_all in zip(
-        (first, short), features, sums.sum_over_bins(values), sums.sum_values(values), strict=True
+        (first, short), features, sums.sum_over_bins(values), sums.divide(all_sums), strict=True
     ):
         groups = np.split(values[bins.order], bins.starts[1:])
         assert over_bins == pytest.approx(np.array([group.sum(axis=0) for group in groups]))
         assert over_all[-len(groups) :] == pytest.approx(over_bins)
         assert over_all[: -len(groups)] == pytest.approx(of_rests.T @ values[bins.order])
+    shapes = ShapeSums(rng.normal(size=(5, N)), pieces)
+    in_turn = [shapes.sum_at_piece(i, values[rests]) for i, rests in enumerate(pieces)]
+    assert np.sum(in_turn, axis=0) == pytest.approx(shapes.shapes @ values)
+    assert shapes.sum_at_all(csr_array(values)) == pytest.approx(shapes.sum_at_all(values))
     # Beside too many bins there is no feature.
     each = replace(first, starts=np.arange(N))
     alone = Functions.from_features(np.ones((N, 1)), each, N)
@@ -262,10 +302,10 @@ def test_components_are_how_the_tip_moves() -> None:
 def compared(
     variable: str, component: Component, outside: float, best: float, flat: float = 0.0
 ) -> ResidualComparison:
-    line, sets = np.zeros(3), np.zeros((2, 3))
+    line = np.zeros(3)
     curve = ResidualCurve(
-        mean=line + outside, low=line - 0.1, high=line + 0.1, outside=outside, p_value=0.0,
-        sets=sets, draws=400, weight=line + 1.0, rests=3, strength=Strength(best, flat),
+        mean=line + outside, covariance=np.eye(3) * (0.1 / HALF_WIDTH) ** 2, outside=outside,
+        p_value=0.0, weight=line + 1.0, rests=3, strength=Strength(best, flat),
     )  # fmt: skip
     after = replace(curve, mean=line, outside=0.0, p_value=1.0, strength=Strength(-2.0, -2.0))
     named = variable in ("placement", "target", "approach")
@@ -325,9 +365,8 @@ def test_what_is_the_same_all_over_is_of_the_time_and_names_give_way_to_values()
 
 
 @pytest.mark.usefixtures("along_the_joints")
-def test_a_model_without_findings_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_model_without_findings_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     fit = a_fit(np.random.default_rng(7))
-    monkeypatch.setattr(replicates, "MOST_DRAWS", DRAWS_AT_ONCE)
     monkeypatch.setattr(curves, "make_bins", lambda _: [ten_bins(np.random.default_rng(1))])
     search = SimpleNamespace(first=fit, last=fit)
     diagnosis: Any = SimpleNamespace(search=search, arm=SimpleNamespace(n_joints=JOINTS))

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from armd.compensation.diagnose.predictive.bins import Bins
-from armd.compensation.diagnose.predictive.scores import Score
+from armd.compensation.diagnose.predictive.scores import Absorption, Score
 from armd.compensation.diagnose.predictive.strength import (
     Misfit,
     Scatter,
@@ -22,6 +23,7 @@ from armd.compensation.diagnose.predictive.strength import (
 )
 from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
 from armd.compensation.diagnose.predictive.waves import make_waves
+from armd.compensation.estimate.linear.linear_model import LinearModel
 
 
 def over(kind: Any, values: np.ndarray) -> Bins:
@@ -31,16 +33,23 @@ def over(kind: Any, values: np.ndarray) -> Bins:
     return Bins(kind, kind, np.arange(len(values)), starts, middle, values=values, kind=kind)
 
 
-def score_of(residual: np.ndarray) -> tuple[Score, Misfit]:
-    """Of independent residuals of unit variance of which nothing is absorbed."""
+def score_of(residual: np.ndarray, absorbed: np.ndarray | None = None) -> tuple[Score, Misfit]:
+    """Of independent residuals of unit variance; *absorbed* (n, b): what is fitted freely."""
     n = len(residual)
-    return Score(residual, np.ones(n), np.zeros((n, 0))), Misfit(float(residual @ residual), n)
+    columns = np.zeros((n, 0)) if absorbed is None else absorbed
+    b = columns.shape[1]
+    problem = LinearModel.from_rows([("free", columns, np.full(b, np.inf))])
+    taken = problem.project(columns.T @ residual)
+    absorption = Absorption(problem, taken, [np.arange(n)], [np.arange(b)], [columns])
+    left = residual - columns @ problem.solve_amplitudes(columns.T @ residual)
+    score = Score(residual, left, np.ones(n), np.ones(n), csr_array((n, 0)), absorption)
+    return score, Misfit(float(left @ left), n - b)
 
 
 def strength_of(bins: Bins, residual: np.ndarray, joint: float = -np.inf) -> Strength:
     score, misfit = score_of(residual)
     functions = Functions.from_features(make_features(bins), bins, len(residual))
-    [(sums, scatter)] = score.sum_over(FunctionSums([functions]))
+    [(sums, scatter)] = score.sum_over(FunctionSums([functions], [np.arange(len(residual))]))
     [strength] = compute_strengths(
         bins, sums[None], Scatter.stack([scatter]), misfit, np.array([joint])
     )
@@ -82,7 +91,7 @@ def test_a_difference_of_two_temperatures_is_of_the_pair() -> None:
         bins.append(replace(one, variable=f"t{i + 1}", order=order))
     residual = 6.0 * (values[0] - 0.6 * values[2]) + rng.normal(size=480)
     score, misfit = score_of(residual)
-    lines = FunctionSums([Functions.from_columns(make_lines(bins, 480))])
+    lines = FunctionSums([Functions.from_columns(make_lines(bins, 480))], [np.arange(480)])
     [(sums, scatter)] = score.sum_over(lines)
     pairs = compute_strengths_of_pairs(sums, scatter, misfit)
     assert int(np.argmax(pairs)) == 0
@@ -115,11 +124,8 @@ def test_a_curve_that_is_absorbed_but_for_a_hundredth_counts_by_what_is_left() -
     rng = np.random.default_rng(12)
     line = rng.normal(size=480)
     other = line + 0.1 * rng.normal(size=480)
-    absorbed = (other / np.linalg.norm(other))[:, None]
-    residual = 5.0 * line + rng.normal(size=480)
-    left = residual - absorbed[:, 0] * float(absorbed[:, 0] @ residual)
-    score = Score(left, np.ones(480), absorbed)
-    misfit = Misfit(float(left @ left), 479.0)
-    [(sums, scatter)] = score.sum_over(FunctionSums([Functions.from_columns(line[:, None])]))
+    score, misfit = score_of(5.0 * line + rng.normal(size=480), other[:, None])
+    functions = Functions.from_columns(line[:, None])
+    [(sums, scatter)] = score.sum_over(FunctionSums([functions], [np.arange(480)]))
     assert scatter.covariance[0, 0] < 0.02 * scatter.unabsorbed[0]
     assert score_shapes(sums, scatter, misfit) > 80.0

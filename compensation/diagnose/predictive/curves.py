@@ -18,19 +18,21 @@ from armd.compensation.diagnose.constants import (
     HALF_WIDTH,
     LEAST_POSITIVE,
     LEAST_SQUARE,
-    LEAST_SUM,
     MOST_TOGETHER,
     ORDER_DIGITS,
     ROUNDING,
+    SETS_SHOWN,
     SHARE_BEYOND,
     SHARE_OF_NAMES,
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.predictive.bins import Bins, make_bins
 from armd.compensation.diagnose.predictive.components import Component, make_components
-from armd.compensation.diagnose.predictive.moments import Moments
-from armd.compensation.diagnose.predictive.replicates import Refitted, solve_again
-from armd.compensation.diagnose.predictive.scores import compute_misfit, compute_scores
+from armd.compensation.diagnose.predictive.scores import (
+    compute_misfit,
+    compute_scores,
+    solve_again,
+)
 from armd.compensation.diagnose.predictive.strength import (
     Scatter,
     Strength,
@@ -41,31 +43,44 @@ from armd.compensation.diagnose.predictive.strength import (
 )
 from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
 from armd.compensation.diagnose.predictive.waves import Waves, make_waves
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.estimate.linear.blocks import Blocks
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualCurve:
-    """What a model leaves along one component over one variable, and drawn sets' band: in rad, mm
-    or without a unit, as the component."""
+    """What a model leaves along one component over one variable, and the band of the data sets that
+    it gives: in rad, mm or without a unit, as the component."""
 
     mean: F64  # (B,) of each bin
-    low: F64  # (B,)
-    high: F64  # (B,)
+    covariance: F64  # (B, B) of it among data sets; (B,) variances of many bins
     outside: float  # the share of bins outside of the band
-    p_value: float  # that a drawn set has so large a share
-    sets: F64  # (r, B) a few drawn sets
-    draws: int  # sets in all
+    p_value: float  # that a data set has so large a share
     weight: F64  # (B,) square of the tip's motion with the component, summed over each bin
     rests: int
     strength: Strength
 
     @property
+    def band(self) -> F64:
+        """(B,) how far from 0 the means of 95 % of all data sets lie at most."""
+        return HALF_WIDTH * np.sqrt(_get_variances(self.covariance))
+
+    @property
+    def sets(self) -> F64:
+        """(r, B) of a few data sets."""
+        normal = np.random.default_rng(CURVES_SEED).normal(size=(len(self.mean), SETS_SHOWN))
+        sigma = np.sqrt(_get_variances(self.covariance))
+        factor = np.eye(len(sigma)) if self.covariance.ndim == 1 else _make_factor(self.covariance)
+        sets: F64 = (sigma[:, None] * (factor @ normal)).T
+        return sets
+
+    @property
     def rms_um(self) -> float:
         """3-D RMS in µm of what the curve explains of the tip's residuals, beyond what noise makes:
         of curves that are wholly outside, the one that the error goes by has the largest."""
-        sigma = (self.high - self.low) / (2.0 * HALF_WIDTH)
-        beyond_noise = float((self.weight * (self.mean**2 - sigma**2)).sum())
-        return 1e3 * float(np.sqrt(max(beyond_noise, 0.0) / self.rests))
+        beyond_noise = self.mean**2 - _get_variances(self.covariance)
+        explained_mm2 = max(float(self.weight @ beyond_noise), 0.0)
+        return 1e3 * float(np.sqrt(explained_mm2 / self.rests))
 
 
 @dataclass(frozen=True)
@@ -120,8 +135,8 @@ class CurveLayout:
     normal: F32  # (B, r) random numbers that p-values are drawn by
 
 
-def make_layout(variables: list[Bins], rests: int) -> CurveLayout:
-    """Over *variables* at so many *rests*."""
+def make_layout(variables: list[Bins], blocks: Blocks) -> CurveLayout:
+    """Over *variables* at the rests of *blocks*, of one model's columns or another's."""
     warm = [
         i
         for i, bins in enumerate(variables)
@@ -131,16 +146,28 @@ def make_layout(variables: list[Bins], rests: int) -> CurveLayout:
         (size for bins in variables if (size := len(bins.starts)) <= MOST_TOGETHER), default=0
     )
     normal = np.random.default_rng(CURVES_SEED).normal(size=(most_bins, CURVES))
+    pieces = [piece.rests for piece in blocks.pieces]
+    functions = [Functions.from_features(make_features(bins), bins, blocks.n) for bins in variables]
+    lines = Functions.from_columns(make_lines([variables[i] for i in warm], blocks.n))
     return CurveLayout(
         variables,
-        FunctionSums(
-            [Functions.from_features(make_features(bins), bins, rests) for bins in variables]
-        ),
+        FunctionSums(functions, pieces),
         warm,
-        FunctionSums([Functions.from_columns(make_lines([variables[i] for i in warm], rests))]),
-        make_waves(variables, rests),
+        FunctionSums([lines], pieces),
+        make_waves(variables, blocks.n),
         normal.astype(np.float32),
     )
+
+
+@dataclass(frozen=True)
+class ModelSums:
+    """What a model's residuals and its noise sum up to, in units of each rest's noise."""
+
+    by_component: list[list[tuple[F64, Scatter]]]  # of each component, of each variable
+    strengths: list[list[Strength]]  # of each variable, of each component
+    levers: list[F64]  # of each variable (B, K) squares of the component's motion
+    weights: list[F64]  # the same in mm²
+    spread: F64  # (K,) by how much more the residuals scatter than the model's data sets
 
 
 def compare(diagnosis: Diagnosis) -> list[ResidualComparison]:
@@ -151,71 +178,33 @@ def compare(diagnosis: Diagnosis) -> list[ResidualComparison]:
     variables = make_bins(last.linear.rests)
     if not variables:
         return []
-    layout = make_layout(variables, last.linear.rests.n)
-    fitted = solve_again(last, last.noise)
-    scale = _compute_noise_scale(fitted)
-    after = _make_curves(fitted, layout, scale)
-    alike = not last.findings and search.first is last
-    before = after if alike else _make_curves(solve_again(search.first, last.noise), layout, scale)
+    layout = make_layout(variables, last.nuisance.columns)
+    last_sums = _sum_up(solve_again(last, last.noise), layout)
+    after = _make_curves(last_sums, layout, last_sums.spread)
+    before = after
+    if last.findings or search.first is not last:
+        first_sums = _sum_up(solve_again(search.first, last.noise), layout)
+        before = _make_curves(first_sums, layout, last_sums.spread)
     named, _ = make_components(last.linear)
     places = [(bins, component) for bins in variables for component in named]
     comparisons = [
-        ResidualComparison(bins, component, first, second)
-        for (bins, component), first, second in zip(places, before, after, strict=True)
+        ResidualComparison(bins, component, first_curve, last_curve)
+        for (bins, component), first_curve, last_curve in zip(places, before, after, strict=True)
     ]
     return sorted(comparisons, key=lambda comparison: comparison.order)
 
 
-def _compute_noise_scale(last: Refitted) -> F64:
-    """(K,) by how much more the last fit's residuals scatter along each component than drawn sets
-    do: the noise found is right over all, not along each."""
-    _, moves = make_components(last.fit.linear)
-    measured = (np.einsum("nij,ni->jn", moves, last.residual_mm) ** 2).sum(axis=1)
-    sets = next(last.draw_replicates())
-    drawn = (np.einsum("ni,nir->nr", along, sets) for along in moves.transpose(2, 0, 1))
-    expected = np.array([(along**2).sum(axis=0).mean() for along in drawn])
-    scale: F64 = np.sqrt(np.maximum(measured, LEAST_SUM) / np.maximum(expected, LEAST_SUM))
-    return scale
-
-
-def _make_curves(model: Refitted, layout: CurveLayout, scale: F64) -> list[ResidualCurve]:
-    """Bins by bins, component by component, whose noise is so many times that found."""
-    named, moves = make_components(model.fit.linear)  # (n, 3, K)
-    count = moves.shape[2]
-    drawn = [Moments(len(bins.starts), count) for bins in layout.variables]
-    for residual_mm in model.draw_replicates():
-        for k in range(count):  # one after the other: all together are large
-            along = np.einsum("ni,nir->nr", scale[k] * moves[:, :, k], residual_mm)
-            for moments, sums in zip(drawn, layout.sums.sum_over_bins(along), strict=True):
-                moments.add(k, sums)
-    measured = np.einsum("nij,ni->nj", moves, model.residual_mm)
-    curves = []
-    for bins, moments, levers, sums, strong in zip(
-        layout.variables,
-        drawn,
-        layout.sums.sum_over_bins((moves**2).sum(axis=1)),  # (B, K)
-        layout.sums.sum_over_bins(measured),
-        _compute_strengths(model, layout, named, moves),
-        strict=True,
-    ):
-        levers = np.maximum(levers, LEAST_SQUARE)
-        curves += [
-            _make_curve(bins, levers[:, k], sums[:, k], moments, k, layout.normal, strong[k])
-            for k in range(count)
-        ]
-    return curves
-
-
-def _compute_strengths(
-    model: Refitted, layout: CurveLayout, named: list[Component], moves: F64
-) -> list[list[Strength]]:
-    """Of each variable, of each component."""
-    misfit = compute_misfit(model)
+def _sum_up(fit: Fit, layout: CurveLayout) -> ModelSums:
+    """Component by component: the products of all together are large."""
+    named, moves = make_components(fit.linear)  # (n, 3, K)
+    misfit = compute_misfit(fit)
     number = {bins.variable: i for i, bins in enumerate(layout.variables)}
     joint = np.full((len(layout.variables), len(named)), -np.inf)
-    by_component = []
-    for k, (component, score) in enumerate(zip(named, compute_scores(model, moves), strict=True)):
+    by_component, squared_norms, spread = [], [], []
+    for k, (component, score) in enumerate(zip(named, compute_scores(fit, moves), strict=True)):
         by_component.append(score.sum_over(layout.sums))
+        squared_norms.append(score.squared_norm)
+        spread.append(score.spread)
         if len(layout.warm) > 1:
             [lines] = score.sum_over(layout.lines)
             joint[layout.warm, k] = compute_strengths_of_pairs(*lines, misfit)
@@ -233,40 +222,62 @@ def _compute_strengths(
                 bins, np.array(values), Scatter.stack(scatters), misfit, joint_of_bins
             )
         )
-    return strengths
+    levers = layout.sums.sum_over_bins(np.stack(squared_norms, axis=1))
+    weights = layout.sums.sum_over_bins((moves**2).sum(axis=1))
+    return ModelSums(by_component, strengths, levers, weights, np.array(spread))
 
 
-def _make_curve(
-    bins: Bins, lever: F64, sums: F64, drawn: Moments, k: int, normal: F32, strong: Strength
-) -> ResidualCurve:
-    """Of the component *k*, by measured *sums* (B,)."""
-    moments = drawn.covariance(k)
-    sigma = np.sqrt(np.diag(moments) if moments.ndim == 2 else moments)
-    outside = float((np.abs(sums) > HALF_WIDTH * sigma).mean())
-    band = HALF_WIDTH * sigma / lever
-    return ResidualCurve(
-        mean=sums / lever,
-        low=-band,
-        high=band,
-        outside=outside,
-        p_value=_compute_p_value(outside, moments, normal),
-        sets=(drawn.first_sums[k] / lever[:, None]).T,
-        draws=drawn.draws,
-        weight=lever,
-        rests=len(bins.order),
-        strength=strong,
-    )
+def _make_curves(sums: ModelSums, layout: CurveLayout, spread: F64) -> list[ResidualCurve]:
+    """Bins by bins, component by component, whose noise is so many times that found."""
+    curves = []
+    for v, bins in enumerate(layout.variables):
+        for k, of_variables in enumerate(sums.by_component):
+            values, scatter = of_variables[v]
+            bins_alone = slice(len(values) - len(bins.starts), None)
+            covariance = scatter.covariance[(bins_alone,) * scatter.covariance.ndim]
+            lever = np.maximum(sums.levers[v][:, k], LEAST_SQUARE)
+            unit = lever if covariance.ndim == 1 else np.outer(lever, lever) ** 0.5
+            mean = values[bins_alone] / lever
+            covariance = spread[k] ** 2 * covariance / unit**2
+            outside = float(
+                (np.abs(mean) > HALF_WIDTH * np.sqrt(_get_variances(covariance))).mean()
+            )
+            curves.append(
+                ResidualCurve(
+                    mean=mean,
+                    covariance=covariance,
+                    outside=outside,
+                    p_value=_compute_p_value(outside, covariance, layout.normal),
+                    weight=np.maximum(sums.weights[v][:, k], LEAST_SQUARE),
+                    rests=len(bins.order),
+                    strength=sums.strengths[v][k],
+                )
+            )
+    return curves
 
 
-def _compute_p_value(outside: float, moments: F64, normal: F32) -> float:
+def _get_variances(covariance: F64) -> F64:
+    """(B,) of a covariance (B, B), or of variances (B,) alone."""
+    variances = covariance if covariance.ndim == 1 else np.diag(covariance)
+    return np.maximum(variances, 0.0)
+
+
+def _make_factor(covariance: F64) -> F64:
+    """(B, B) with which unit variances make what is correlated as a *covariance*."""
+    sigma = np.sqrt(np.maximum(np.diag(covariance), LEAST_POSITIVE))
+    root, turned = np.linalg.eigh(covariance / np.outer(sigma, sigma))
+    factor: F64 = turned * np.sqrt(np.maximum(root, 0.0))
+    return factor
+
+
+def _compute_p_value(outside: float, covariance: F64, normal: F32) -> float:
     """That a curve of noise has so large a share *outside* its band: of curves drawn by the
-    covariance (B, B) of the sets, or of independent bins (B,)."""
-    if moments.ndim == 1:
-        n_outside = round(outside * len(moments))
-        return float(bdtrc(n_outside - 1, len(moments), BEYOND)) if n_outside else 1.0
-    sigma = np.sqrt(np.maximum(np.diag(moments), LEAST_POSITIVE))
-    root, turned = np.linalg.eigh(moments / np.outer(sigma, sigma))
-    factor = (turned * np.sqrt(np.maximum(root, 0.0))).astype(np.float32)
+    *covariance* (B, B) of data sets, or of independent bins (B,)."""
+    if not outside:
+        return 1.0
+    if covariance.ndim == 1:
+        return float(bdtrc(round(outside * len(covariance)) - 1, len(covariance), BEYOND))
+    factor = _make_factor(covariance).astype(np.float32)
     least_beyond = (outside - ROUNDING) * len(factor)
     exceeding = drawn = 0
     for first in range(0, CURVES, CURVES_AT_ONCE):  # so many as a processor's cache holds

@@ -248,12 +248,10 @@ def _add_measured_against_simulated(
         "axis: of joint angles, temperatures, time and placements what leaves its band most; the "
         "rest in the appendix",
     )
-    draws = min(comparisons[0].before.draws, comparisons[0].after.draws)
     page.add_text(
-        f"Band: 95 % of {draws} data sets that the model gives by the noise found, each refitted "
-        "as the readings were; grey: some of them. A point outside of it is what the simulation "
-        f"gets wrong; 5 % lie there by chance. p: share with as much outside of {CURVES} curves "
-        "that scatter as these sets do."
+        "Band: 95 % of the data sets that the model gives by the noise found, each refitted as the "
+        "readings were; grey: some of them. A point outside of it is what the simulation gets "
+        f"wrong; 5 % lie there by chance. p: share with as much outside of {CURVES} such sets."
     )
 
 

@@ -100,13 +100,15 @@ def draw_curve(
     """Draw one comparison under one model on *panel*."""
     unit = get_unit(comparison, units)
     bins, x = comparison.bins, comparison.bins.middle
-    low, high, mean = (values * unit.per_base for values in (curve.low, curve.high, curve.mean))
-    panel.fill_between(x, low, high, color=COLOURS[5], alpha=0.35, linewidth=0, label="noise, 95 %")
+    band, mean = curve.band * unit.per_base, curve.mean * unit.per_base
+    panel.fill_between(
+        x, -band, band, color=COLOURS[5], alpha=0.35, linewidth=0, label="noise, 95 %"
+    )
     for values in curve.sets * unit.per_base:
         panel.plot(x, values, color=GREY, linewidth=0.5, alpha=0.6)
     line = "none" if bins.labels else "-"
     panel.plot(x, mean, color=COLOURS[0], linestyle=line, marker=".", label="measured")
-    outside = (mean < low) | (mean > high)
+    outside = np.abs(mean) > band
     panel.plot(x[outside], mean[outside], "o", color=COLOURS[1], markersize=4, label="outside")
     panel.axhline(0.0, color="black", linewidth=0.5)
     share, p = 100 * curve.outside, _format_p_value(curve)
@@ -136,7 +138,7 @@ def _format_p_value(curve: ResidualCurve) -> str:
 
 
 def _compute_reach(curve: ResidualCurve) -> float:
-    largest = np.max(np.abs([curve.low, curve.high, curve.mean]))
+    largest = np.max([curve.band, np.abs(curve.mean)])
     return 1.1 * float(largest) + 1e-15
 
 
