@@ -38,6 +38,9 @@ def run_in_order(work: Callable[[Piece], T], pieces: Iterable[Piece]) -> Iterato
     Only a few pieces are taken before what comes of them is asked for, so that memory stays flat.
     """
     processors = _processors()
+    if processors == 1:
+        yield from map(work, pieces)
+        return
     waiting: deque[Future[T]] = deque()
     with ThreadPoolExecutor(processors) as pool:
         try:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.constants import GAUGE_SQUARED, LEAST_RELATIVE, MOST_RELATIVE
@@ -98,8 +98,11 @@ class Restricted:
         root = np.sqrt(np.concatenate([np.ones(self.free), prior]))
         matrix = gram[:-1, :-1] * root * root[:, None]
         matrix.flat[(len(root) + 1) * self.free :: len(root) + 1] += 1.0
-        factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
-        towards = solve_triangular(factor, root * gram[:-1, -1], lower=True, check_finite=False)
+        # LAPACK itself: scipy's own functions look at their arguments for as long as this takes.
+        factor, fault = dpotrf(matrix, lower=True, clean=False, overwrite_a=True)
+        if fault:
+            raise np.linalg.LinAlgError("products of columns that are not positive definite")
+        towards, _ = dtrtrs(factor, root * gram[:-1, -1], lower=True)
         return float(
             self.freedom * 2.0 * np.log(scale)
             + np.log1p(relative * self.curvature).sum()

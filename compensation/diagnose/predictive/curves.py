@@ -15,6 +15,7 @@ from armd.compensation.diagnose.constants import (
     CURVES,
     CURVES_AT_ONCE,
     CURVES_SEED,
+    ENOUGH_CURVES,
     HALF_WIDTH,
     LEAST_POSITIVE,
     LEAST_SQUARE,
@@ -128,9 +129,8 @@ class CurveLayout:
     """What curves are made over: the same for every model."""
 
     variables: list[Bins]
-    sums: FunctionSums  # over each variable
+    sums: FunctionSums  # over each variable, and over the temperatures together
     warm: list[int]  # which variables are the temperatures of the arm's sensors
-    lines: FunctionSums  # over these temperatures together
     waves: Waves
     normal: F32  # (B, r) random numbers that p-values are drawn by
 
@@ -151,9 +151,8 @@ def make_layout(variables: list[Bins], blocks: Blocks) -> CurveLayout:
     lines = Functions.from_columns(make_lines([variables[i] for i in warm], blocks.n))
     return CurveLayout(
         variables,
-        FunctionSums(functions, pieces),
+        FunctionSums([*functions, lines], pieces),
         warm,
-        FunctionSums([lines], pieces),
         make_waves(variables, blocks.n),
         normal.astype(np.float32),
     )
@@ -202,11 +201,11 @@ def _sum_up(fit: Fit, layout: CurveLayout) -> ModelSums:
     joint = np.full((len(layout.variables), len(named)), -np.inf)
     by_component, squared_norms, spread = [], [], []
     for k, (component, score) in enumerate(zip(named, compute_scores(fit, moves), strict=True)):
-        by_component.append(score.sum_over(layout.sums))
+        *of_variables, lines = score.sum_over(layout.sums)
+        by_component.append(of_variables)
         squared_norms.append(score.squared_norm)
         spread.append(score.spread)
         if len(layout.warm) > 1:
-            [lines] = score.sum_over(layout.lines)
             joint[layout.warm, k] = compute_strengths_of_pairs(*lines, misfit)
         if component.name.startswith("angle"):
             name = component.name.replace("angle joint ", "q")
@@ -222,8 +221,8 @@ def _sum_up(fit: Fit, layout: CurveLayout) -> ModelSums:
                 bins, np.array(values), Scatter.stack(scatters), misfit, joint_of_bins
             )
         )
-    levers = layout.sums.sum_over_bins(np.stack(squared_norms, axis=1))
-    weights = layout.sums.sum_over_bins((moves**2).sum(axis=1))
+    *levers, _ = layout.sums.sum_over_bins(np.stack(squared_norms, axis=1))
+    *weights, _ = layout.sums.sum_over_bins((moves**2).sum(axis=1))
     return ModelSums(by_component, strengths, levers, weights, np.array(spread))
 
 
@@ -285,6 +284,6 @@ def _compute_p_value(outside: float, covariance: F64, normal: F32) -> float:
         is_beyond = np.abs(curves, out=curves) > HALF_WIDTH
         exceeding += int(np.count_nonzero(is_beyond.sum(axis=0, dtype=np.uint8) >= least_beyond))
         drawn += curves.shape[1]
-        if exceeding > BEYOND * CURVES_AT_ONCE:  # it is known to a tenth of itself
+        if exceeding >= ENOUGH_CURVES:
             break
     return exceeding / drawn

@@ -22,16 +22,16 @@ from armd.compensation.diagnose.predictive.strength import Misfit, score_shapes
 class Waves:
     """Of all joints' angles."""
 
-    single: dict[str, F64]  # of each variable (WAVES, 3, n): flat, cosine and sine of each order
+    variables: tuple[str, ...]
+    single: F64  # (WAVES a variable, 3, n): flat, cosine and sine of each order
     pairs: dict[tuple[str, str], F64]  # (2 WAVES, 3, n) of the sum and of the difference
 
     def strengths(self, score: Score, joint: str, misfit: Misfit) -> dict[str, float]:
         """Of the variables, for a component along a *joint*'s motion, as "q2"; of its angle with a
         neighbour's, for the one that explains more by itself."""
-        strengths = {
-            name: float(score_shapes(*score.sum_along(shapes), misfit, WAVES).max())
-            for name, shapes in self.single.items()
-        }
+        single = score_shapes(*score.sum_along(self.single), misfit, WAVES)
+        best = single.reshape(len(self.variables), -1).max(axis=1)
+        strengths = dict(zip(self.variables, best.tolist(), strict=True))
         single_strengths = dict(strengths)
         pairs = [names for names in self.pairs if joint in names]
         for names in pairs:
@@ -51,13 +51,13 @@ def make_waves(bins: Sequence[Bins], rests: int) -> Waves:
     for angle in angles:
         if angle.values is not None:
             turns[angle.variable][angle.order] = np.radians(angle.values)
-    single = {name: _make_waves(turn) for name, turn in turns.items()}
+    single = [_make_waves(turn) for turn in turns.values()]
     pairs = {
         (a, b): np.concatenate([_make_waves(turns[a] + turns[b]), _make_waves(turns[a] - turns[b])])
         for a, b in ((f"q{k}", f"q{k + 1}") for k in range(1, len(turns)))
         if a in turns and b in turns
     }
-    return Waves(single, pairs)
+    return Waves(tuple(turns), np.concatenate([np.empty((0, 3, rests)), *single]), pairs)
 
 
 def _make_waves(turn: F64) -> F64:
