@@ -1,8 +1,8 @@
 """How long `armd diagnose` takes, in how much memory, and which step of it grows fastest.
 
-The command as a user runs it, from start to end, on two cores: 2000 readings in 20 placements, and
-20 000 in 100, one disc off centre among them, against the whole catalogue. Then each step's
-processor time as one measure grows by itself: readings, sessions and joints doubled.
+The command as a user runs it, from start to end, on one core: 600 to 20 000 readings in 6 to 100
+placements, one disc off centre among them, against the whole catalogue. Then each step's processor
+time as one measure grows by itself: readings, sessions and joints doubled.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_calibrate import SIZES
 from measured import measured, on_cores
 from threadpoolctl import threadpool_limits
 
@@ -36,26 +35,35 @@ from support import synthetic
 #: Steps, by what `diagnose` calls them as it goes.
 STEPS = ("model under test", "search", "gain", "held out")
 PLANT = Plant("encoder_eccentricity", "joint 3", 0.9)
-CORES = 2
+CORES = 1
+#: Sessions, each a placement, and articulations of each of its twenty balls.
+SIZES = {
+    "600_readings": (6, 5),
+    "2000_readings": (20, 5),
+    "6000_readings": (30, 10),
+    "20000_readings": (100, 10),
+}
+REPEATED = ("600_readings", "2000_readings")
 GROWN = {"fewest": (8, 5), "readings": (8, 10), "sessions": (16, 5)}
 JOINTS = (4, 8)
 ARMD = [sys.executable, "-m", "armd"]
 
 
 def run(repeats: int = 3) -> dict[str, Any]:
-    """Of 2000 readings the best of *repeats*, of 20 000 one run."""
+    """Of each size one run; of the small ones the best of *repeats*."""
     with tempfile.TemporaryDirectory() as name, on_cores(CORES):
         folder = Path(name)
-        few, many = (
-            _case(folder / size, *SIZES[size]) for size in ("2000_readings", "20000_readings")
-        )
-        _command(few)  # the first may compile
-        figures = min((_command(few) for _ in range(repeats)), key=lambda one: one["seconds"])
+        figures = {}
+        for size, of_size in SIZES.items():
+            case = _case(folder / size, *of_size)
+            runs = repeats if size in REPEATED else 1
+            figures[size] = min(
+                (_command(case) for _ in range(runs)), key=lambda run: run["seconds"]
+            )
         return {
             "cores": min(CORES, len(os.sched_getaffinity(0))),
             **figures,
             "imports_s": measured([*ARMD, "diagnose", "--help"])["seconds"],
-            "20000_readings": _command(many),
             "growth": growth(folder),
         }
 

@@ -73,8 +73,14 @@ MARKS = [
     Mark("daemon.5000_hz.undisturbed.lost", most=0),
     Mark("installed.mb", "MB", 300, None, "installed.numpy_and_zenoh_mb", "numpy and Zenoh"),
     Mark("identify.ratio", least=20),
-    Mark("diagnose.seconds", "s", 5, None, "diagnose.imports_s", "its imports"),
-    Mark("diagnose.20000_readings.seconds", "s", 60, None, "diagnose.imports_s", "its imports"),
+    *(
+        Mark(
+            f"diagnose.{size}_readings.seconds", "s", most, None,
+            "diagnose.imports_s", "its imports",
+        )
+        for size, most in ((600, 4), (2000, 8), (6000, 60), (20000, 60))
+    ),
+    Mark("diagnose.6000_readings.peak_mb", "MB", 1000),
     Mark("diagnose.20000_readings.peak_mb", "MB", 2000),
     *(
         Mark(f"calibrate.{n}.seconds", "s", most, None, f"calibrate.{n}.floor_s", "20 dense steps")

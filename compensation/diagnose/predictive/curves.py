@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import bdtrc
+from threadpoolctl import threadpool_limits
 
 from armd.arrays import F32, F64
 from armd.compensation.diagnose.constants import (
@@ -26,7 +27,7 @@ from armd.compensation.diagnose.constants import (
     SHARE_BEYOND,
     SHARE_OF_NAMES,
 )
-from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.diagnosis import Diagnosis, SearchResult
 from armd.compensation.diagnose.predictive.bins import Bins, make_bins
 from armd.compensation.diagnose.predictive.components import Component, make_components
 from armd.compensation.diagnose.predictive.scores import (
@@ -172,7 +173,11 @@ class ModelSums:
 def compare(diagnosis: Diagnosis) -> list[ResidualComparison]:
     """Every variable with every component, by the noise that the last fit found; what stands out
     of noise most under the model under test stands first."""
-    search = diagnosis.search
+    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
+        return _compare(diagnosis.search)
+
+
+def _compare(search: SearchResult) -> list[ResidualComparison]:
     last = search.last
     variables = make_bins(last.linear.rests)
     if not variables:

@@ -23,45 +23,51 @@ class Waves:
     """Of all joints' angles."""
 
     variables: tuple[str, ...]
-    single: F64  # (WAVES a variable, 3, n): flat, cosine and sine of each order
-    pairs: dict[tuple[str, str], F64]  # (2 WAVES, 3, n) of the sum and of the difference
+    single: F64  # of each variable (V, WAVES, 3, n): flat, cosine and sine of each order
 
     def strengths(self, score: Score, joint: str, misfit: Misfit) -> dict[str, float]:
         """Of the variables, for a component along a *joint*'s motion, as "q2"; of its angle with a
         neighbour's, for the one that explains more by itself."""
-        single = score_shapes(*score.sum_along(self.single), misfit, WAVES)
-        best = single.reshape(len(self.variables), -1).max(axis=1)
-        strengths = dict(zip(self.variables, best.tolist(), strict=True))
-        single_strengths = dict(strengths)
-        pairs = [names for names in self.pairs if joint in names]
+        if not self.variables:
+            return {}
+        shapes = self.single.reshape(-1, *self.single.shape[2:])
+        scores = score_shapes(*score.sum_along(shapes), misfit, WAVES)
+        best = scores.reshape(len(self.variables), WAVES).max(axis=1)
+        single_strengths = dict(zip(self.variables, best.tolist(), strict=True))
+        strengths = dict(single_strengths)
+        pairs = [names for names in self._list_pairs() if joint in names]
         for names in pairs:
             name = max(names, key=lambda name: single_strengths[name])
+            both = [self.single[self.variables.index(name)] for name in names]
             searched = 2 * WAVES * len(pairs)
-            pair_strength = score_shapes(
-                *score.sum_along(self.pairs[names]), misfit, searched
-            ).max()
+            pair_strength = score_shapes(*score.sum_along(_combine(*both)), misfit, searched).max()
             strengths[name] = max(strengths[name], float(pair_strength))
         return strengths
+
+    def _list_pairs(self) -> list[tuple[str, str]]:
+        """Variables of neighbouring joints."""
+        neighbours = ((f"q{k}", f"q{k + 1}") for k in range(1, len(self.variables)))
+        return [names for names in neighbours if {*names} <= {*self.variables}]
 
 
 def make_waves(bins: Sequence[Bins], rests: int) -> Waves:
     """Over those of *bins* that are joints' angles, each of all points."""
     angles = [angle for angle in bins if angle.kind == "angle"]
-    turns = {angle.variable: np.full(rests, np.nan) for angle in angles}
-    for angle in angles:
+    single = np.zeros((len(angles), WAVES, 3, rests))
+    orders = np.arange(1, WAVES + 1)[:, None]
+    for waves, angle in zip(single, angles, strict=True):
         if angle.values is not None:
-            turns[angle.variable][angle.order] = np.radians(angle.values)
-    single = [_make_waves(turn) for turn in turns.values()]
-    pairs = {
-        (a, b): np.concatenate([_make_waves(turns[a] + turns[b]), _make_waves(turns[a] - turns[b])])
-        for a, b in ((f"q{k}", f"q{k + 1}") for k in range(1, len(turns)))
-        if a in turns and b in turns
-    }
-    return Waves(tuple(turns), np.concatenate([np.empty((0, 3, rests)), *single]), pairs)
+            phase = orders * np.radians(angle.values)
+            waves[:, 0, angle.order] = 1.0
+            waves[:, 1, angle.order], waves[:, 2, angle.order] = np.cos(phase), np.sin(phase)
+    return Waves(tuple(angle.variable for angle in angles), single)
 
 
-def _make_waves(turn: F64) -> F64:
-    phase = np.arange(1, WAVES + 1)[:, None] * turn
-    waves = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
-    waves[:, :, np.isnan(turn)] = 0.0
-    return waves
+def _combine(first: F64, second: F64) -> F64:
+    """(2 WAVES, 3, n) of the sum, then of the difference of two angles, from the waves (WAVES, 3,
+    n) of each."""
+    flat, cosines, sines = np.moveaxis(first * second, 1, 0)
+    mixed, mixed_back = first[:, 2] * second[:, 1], first[:, 1] * second[:, 2]
+    of_sum = [flat, cosines - sines, mixed + mixed_back]
+    of_difference = [flat, cosines + sines, mixed - mixed_back]
+    return np.concatenate([np.stack(waves, axis=1) for waves in (of_sum, of_difference)])
