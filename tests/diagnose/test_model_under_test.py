@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.diagnose.fitting.under_test import make_model_under_test
+from armd.compensation.diagnose.fitting.under_test import judge_sessions, make_model_under_test
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.thermal.comparison import Comparison
 from armd.compensation.identify.thermal.terms import make_length_terms
@@ -39,12 +39,12 @@ def test_it_is_the_linear_one_which_calibrate_makes_when_told(
     assert calibrate(measured, ARM).thermal_order == 2
     told = calibrate(measured, ARM, Options(thermal_order=1)).calibration
     monkeypatch.setattr(Comparison, "trials", None)  # no other is tried
-    found = make_model_under_test(measured, ARM, None)[0].calibration
+    found = make_model_under_test(measured, ARM, None).calibration
     assert found.model_dump(exclude={"created"}) == told.model_dump(exclude={"created"})
 
 
 def test_at_one_temperature_it_is_the_geometry_alone() -> None:
-    found = make_model_under_test(sessions(20.0), ARM, None)[0]
+    found = make_model_under_test(sessions(20.0), ARM, None)
     assert found.model.terms == () and found.calibration.provenance["thermal_order"] == 0
 
 
@@ -60,5 +60,5 @@ def test_the_inconsistent_session_is_looked_for_under_a_calibration_too(moved_mm
 
     calibration = calibrate([session("before", truth)], ARM).calibration
     measured = [session(f"S{k}", other if k == 2 else truth) for k in range(4)]
-    odd = make_model_under_test(measured, ARM, calibration)[1]
+    _, odd = judge_sessions(measured, ARM, calibration)
     assert (odd.path.name if odd else None) == ("S2" if moved_mm else None)

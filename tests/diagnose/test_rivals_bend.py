@@ -29,7 +29,7 @@ def told(size_rad: float, second: float) -> list[float]:
     q = session.states.q.copy()
     q[:, 2] += size_rad * (np.sin(q[:, 2]) + second * np.sin(2 * q[:, 2] + 1.0))
     session = replace(session, states=replace(session.states, q=q))
-    rests, baseline = collect_rests([session], ARM), make_model_under_test([session], ARM, None)[0]
+    rests, baseline = collect_rests([session], ARM), make_model_under_test([session], ARM, None)
     catalogued = catalogue.list_all_candidates(collect_facts(rests, ARM, baseline))
     names = {(c.cause, str(c.location)): c for c in catalogued}
     both = [names[DISC], names[OVAL]]

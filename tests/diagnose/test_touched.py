@@ -179,7 +179,7 @@ def shaken(seed: int, moved_mm: float = 0.0) -> list[Session]:
 
 
 def looked_at(sessions: list[Session]) -> ScoredCandidates:
-    baseline = make_model_under_test(sessions, ARM, None)[0]
+    baseline = make_model_under_test(sessions, ARM, None)
     return Search(collect_rests(sessions, ARM), ARM, baseline).first
 
 

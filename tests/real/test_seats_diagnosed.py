@@ -101,7 +101,7 @@ def test_a_step_is_judged_by_its_own_scatter(folder: Path, place: str) -> None:
 
 def test_without_times_nothing_is_claimed_of_a_moment(seats: tuple[Arm, Session, Rests]) -> None:
     arm, session, rests = seats
-    facts = collect_facts(rests, arm, make_model_under_test([session], arm, None)[0])
+    facts = collect_facts(rests, arm, make_model_under_test([session], arm, None))
     assert not facts.timed
     for candidate in list_all_candidates(facts):
         assert "time_s" not in candidate.depends_on
@@ -111,7 +111,7 @@ def test_without_times_nothing_is_claimed_of_a_moment(seats: tuple[Arm, Session,
 def test_the_only_length_is_not_doubted(seats: tuple[Arm, Session, Rests]) -> None:
     """An arm shrunk to nothing has no residual: what alone says its size cannot be a finding."""
     arm, session, rests = seats
-    free = make_model_under_test([session], arm, None)[0]
+    free = make_model_under_test([session], arm, None)
     assert collect_facts(rests, arm, free).distances == ()
     held = from_calibration(free.calibration, arm, is_given=True)
     assert len(collect_facts(rests, arm, held).distances) == 1
@@ -123,7 +123,7 @@ def test_noise_stays_finite_where_everything_is_absorbed(
     arm, session, rests = seats
     column = Column("distance", "mm", 0.05, artefact=ArtefactChange("distance", index=0))
     shrinks = Candidate("artefact_length", location.ARTEFACT, (column,), ("target",))
-    baseline = make_model_under_test([session], arm, None)[0]
+    baseline = make_model_under_test([session], arm, None)
     found = fit(rests, arm, baseline, baseline.model, [shrinks], [np.zeros(1)])
     assert found.noise.scale_mm >= LEAST_MM
     assert np.isfinite(found.solution).all()
@@ -144,7 +144,7 @@ def test_a_cause_may_be_as_large_as_the_arm_is_coarse(seats: tuple[Arm, Session,
     """3 mm at half a metre are 20 minutes of arc: a disc that errs by a degree is possible there,
     and not on an arm that its calibration left seconds off."""
     arm, session, rests = seats
-    coarse = make_model_under_test([session], arm, None)[0]
+    coarse = make_model_under_test([session], arm, None)
     noise = coarse.calibration.noise.model_copy(update={"encoder_rad": [5e-6], "reading_mm": 2e-3})
     calibration = coarse.calibration.model_copy(update={"noise": noise})
     fine = replace(coarse, calibration=calibration)

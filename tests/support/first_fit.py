@@ -26,7 +26,7 @@ def first_fit(seed: int, plants: Sequence[Plant]) -> tuple[MadeCase, Fit, Arm, l
     """The case, a fit of no finding to its sessions, the arm, and the catalogue's candidates."""
     made = make_case(seed, plants, Design(sessions=4, articulations=3, holdout=0))
     arm, sessions = made.arm, made.sessions
-    baseline, rests = make_model_under_test(sessions, arm, None)[0], collect_rests(sessions, arm)
+    baseline, rests = make_model_under_test(sessions, arm, None), collect_rests(sessions, arm)
     candidates = list(catalogue.list_all_candidates(collect_facts(rests, arm, baseline)))
     return made, fit(rests, arm, baseline, baseline.model), arm, candidates
 

@@ -21,28 +21,49 @@ from armd.compensation.model.calibration import Calibration
 
 def make_model_under_test(
     sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
-) -> tuple[Baseline, InconsistentSession | None]:
-    """Return the calibration given, held; otherwise what `armd calibrate` makes of the sessions;
-    and the one of them that does not fit the others.
+) -> Baseline:
+    """Return the calibration given, held; otherwise what `armd calibrate` makes of the sessions.
 
     By itself that chooses a thermal model by its error: one that goes far would swallow causes that
     have a name (a link expanding in a curve, a joint that turns with temperature), and beside a
     strong error it chooses none, so that plain expansion would be found. The plain linear thermal
     model is the one under test wherever there can be one, and others are not tried.
     """
-    if calibration is not None:
-        observations = collect_observations(sessions, arm, calibration.artefact)
-        sits = evaluate(sessions, arm, calibration).reflectors if has_reflectors(sessions) else ()
-        baseline = open_growth(from_calibration(calibration, arm, True, sits), arm)
-        if observations.on_surface.any() and not _knows_scale(observations):
-            baseline = keep_size(baseline, arm)
-        if has_reflectors(sessions):  # nobody knows where each reading's tip is
-            return baseline, None
-        return baseline, fit_and_find_inconsistent_session(sessions, observations)
-    result = calibrate(sessions, arm, Options(compare=False))
-    return from_calibration(
-        result.calibration, arm, False, result.reflectors
-    ), result.inconsistent_session
+    if calibration is None:
+        return _calibrate(sessions, arm, judge_sessions=False)[0]
+    return _hold(sessions, arm, calibration)[0]
+
+
+def judge_sessions(
+    sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
+) -> tuple[Baseline, InconsistentSession | None]:
+    """The same model, and the one of the sessions that does not fit the others."""
+    if calibration is None:
+        return _calibrate(sessions, arm, judge_sessions=True)
+    baseline, observations = _hold(sessions, arm, calibration)
+    if has_reflectors(sessions):  # nobody knows where each reading's tip is
+        return baseline, None
+    return baseline, fit_and_find_inconsistent_session(sessions, observations)
+
+
+def _calibrate(
+    sessions: Sequence[Session], arm: Arm, judge_sessions: bool
+) -> tuple[Baseline, InconsistentSession | None]:
+    result = calibrate(sessions, arm, Options(compare=False, judge_sessions=judge_sessions))
+    baseline = from_calibration(result.calibration, arm, False, result.reflectors)
+    return baseline, result.inconsistent_session
+
+
+def _hold(
+    sessions: Sequence[Session], arm: Arm, calibration: Calibration
+) -> tuple[Baseline, Observations]:
+    """A calibration as the model under test of the observations of *sessions*."""
+    observations = collect_observations(sessions, arm, calibration.artefact)
+    sits = evaluate(sessions, arm, calibration).reflectors if has_reflectors(sessions) else ()
+    baseline = open_growth(from_calibration(calibration, arm, True, sits), arm)
+    if observations.on_surface.any() and not _knows_scale(observations):
+        baseline = keep_size(baseline, arm)
+    return baseline, observations
 
 
 def has_reflectors(sessions: Sequence[Session]) -> bool:
