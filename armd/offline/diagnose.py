@@ -68,13 +68,19 @@ class Diagnosis(Displayed):
 
     @cached_property
     def comparisons(self) -> list[ResidualComparison]:
-        """What the models leave beside what noise makes; drawn once. Not public."""
+        """What the models leave beside what noise makes; worked out once. Not public."""
         return compare(self.details)
 
     @cached_property
     def findings(self) -> list[DiagnosisFinding]:
         """The findings in the order in which they were added; none if nothing is significant."""
         return [DiagnosisFinding(make_records(finding)) for finding in self._result["findings"]]
+
+    @property
+    def sets(self) -> list[Record]:
+        """Sets of causes that explain the readings, each with `causes` and `probability`: the
+        findings first, then others, the most probable first."""
+        return [make_records(cause_set) for cause_set in self._result["sets"]]
 
     @property
     def baseline(self) -> Record:
@@ -95,7 +101,7 @@ class Diagnosis(Displayed):
     def to_dict(self) -> dict[str, Any]:
         """Return what `armd diagnose --json` writes, `extended_calibration` being None.
 
-        `predictive` takes some seconds the first time: data sets are drawn and refitted.
+        `predictive` takes a second or more the first time.
         """
         return self._result | {
             "predictive": [comparison.as_json() for comparison in self.comparisons]

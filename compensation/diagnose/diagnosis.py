@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from armd.arrays import F64
@@ -77,6 +77,19 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class RivalCauses:
+    """Causes that may be there instead of some findings, all others being there as well."""
+
+    instead: tuple[Candidate, ...]
+    finding_numbers: tuple[int, ...]  # of those that they would be instead of
+    odds: float  # against the findings
+
+    def with_first_number(self, first: int) -> RivalCauses:
+        """The same where the findings are numbered from *first*."""
+        return replace(self, finding_numbers=tuple(first + i for i in self.finding_numbers))
+
+
+@dataclass(frozen=True)
 class RefusedCandidate:
     """A candidate whose fit left the neighbourhood of the model under test."""
 
@@ -95,6 +108,7 @@ class SearchResult:
     #: makes fits with none, the first, the first two … of the findings; each takes its time
     steps: Callable[[], Sequence[Fit]]
     findings: tuple[Finding, ...]
+    rival_causes: tuple[RivalCauses, ...]  # sets that explain as well
     scores: Scores  # of the whole catalogue
     tests: int  # candidates that the data can see
     remaining_p: float  # family-wise p of the strongest candidate left out

@@ -232,6 +232,28 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
 
 
 @pytest.mark.usefixtures("along_the_joints")
+@pytest.mark.filterwarnings("error")
+def test_what_is_wholly_absorbed_is_never_outside() -> None:
+    """Joint 1 moves the tips of each bin of its own as free columns do: nothing is left of it."""
+    rng = np.random.default_rng(14)
+    bins = replace(ten_bins(rng), order=np.arange(N))
+    joints = rng.normal(size=(N, 3, JOINTS))
+    free = np.zeros((3 * N, 10))
+    for b, rests in enumerate(np.split(np.arange(3 * N), 10)):
+        free[rests, b] = joints[:, :, 0].ravel()[rests]
+    residual = 1e3 * rng.normal(size=3 * N)
+    fit = small_fit(residual, free)
+    linear: Any = SimpleNamespace(rests=fit.linear.rests, residual=residual, joints=joints)
+    held: Any = SimpleNamespace(is_given=False)
+    again = solve_again(replace(fit, linear=linear, baseline=held), fit.noise)
+    layout = make_layout([bins], again.nuisance.columns)
+    absorbed, other = _make_curves(_sum_up(again, layout), layout, np.ones(JOINTS))
+    assert absorbed.outside == 0.0 and absorbed.p_value == 1.0
+    assert not absorbed.mean.any() and not absorbed.sets.any() and not absorbed.band.any()
+    assert other.outside > 0.9 and other.band.min() > 0.0
+
+
+@pytest.mark.usefixtures("along_the_joints")
 def test_noise_spreads_along_each_component_as_the_models_sets_do() -> None:
     spread = []
     for seed in range(20):

@@ -32,7 +32,8 @@ def told(monkeypatch: pytest.MonkeyPatch, *rivals: tuple[list[Candidate], float]
         Finding(LENGTH, 1e-9, 50.0, 1.0, (), ()),
     ]
     arm: Any = None
-    return list(rival_sets.limit_by_rival_sets(found, last, rivals, arm))
+    weighed = rival_sets.weigh_rival_sets(last.findings, rivals)
+    return list(rival_sets.limit_by_rival_sets(found, last, weighed, arm))
 
 
 def test_a_set_that_predicts_nearly_as_well_takes_its_chance(monkeypatch) -> None:

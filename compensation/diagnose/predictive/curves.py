@@ -20,6 +20,7 @@ from armd.compensation.diagnose.constants import (
     HALF_WIDTH,
     LEAST_POSITIVE,
     LEAST_SQUARE,
+    LEAST_VARIANCE_SHARE,
     MOST_TOGETHER,
     ORDER_DIGITS,
     ROUNDING,
@@ -239,9 +240,15 @@ def _make_curves(sums: ModelSums, layout: CurveLayout, spread: F64) -> list[Resi
             values, scatter = of_variables[v]
             bins_alone = slice(len(values) - len(bins.starts), None)
             covariance = scatter.covariance[(bins_alone,) * scatter.covariance.ndim]
+            # Of a bin whose sum is wholly absorbed what is left is rounding.
+            least_variance = LEAST_VARIANCE_SHARE * scatter.unabsorbed[bins_alone]
+            is_clear = _get_variances(covariance) > least_variance
+            covariance = covariance * (
+                is_clear if covariance.ndim == 1 else np.outer(is_clear, is_clear)
+            )
             lever = np.maximum(sums.levers[v][:, k], LEAST_SQUARE)
             unit = lever if covariance.ndim == 1 else np.outer(lever, lever) ** 0.5
-            mean = values[bins_alone] / lever
+            mean = is_clear * values[bins_alone] / lever
             covariance = spread[k] ** 2 * covariance / unit**2
             outside = float(
                 (np.abs(mean) > HALF_WIDTH * np.sqrt(_get_variances(covariance))).mean()

@@ -38,9 +38,9 @@ class Waves:
         pairs = [names for names in self._list_pairs() if joint in names]
         for names in pairs:
             name = max(names, key=lambda name: single_strengths[name])
-            both = [self.single[self.variables.index(name)] for name in names]
+            waves = [self.single[self.variables.index(name)] for name in names]
             searched = 2 * WAVES * len(pairs)
-            pair_strength = score_shapes(*score.sum_along(_combine(*both)), misfit, searched).max()
+            pair_strength = score_shapes(*score.sum_along(_combine(*waves)), misfit, searched).max()
             strengths[name] = max(strengths[name], float(pair_strength))
         return strengths
 

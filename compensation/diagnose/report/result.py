@@ -12,6 +12,7 @@ from armd.compensation.diagnose.diagnosis import Diagnosis, Explained, Finding, 
 from armd.compensation.diagnose.fitting.target_steps import TargetStep, measure_target_steps
 from armd.compensation.diagnose.problem.amplitudes import is_curve
 from armd.compensation.diagnose.report.advice import propose_experiment
+from armd.compensation.diagnose.report.sets import CauseSet, list_sets
 from armd.compensation.diagnose.report.sizes import (
     compute_tip_rms_um,
     is_size_known,
@@ -34,6 +35,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
     findings = [*(_touched(diagnosis, step) for step in diagnosis.touched), *findings]
     if diagnosis.outliers and diagnosis.outlier_gain is not None:
         findings.append(_outliers(diagnosis, diagnosis.outlier_gain))
+    rivals = diagnosis.search.rival_causes
     unexplained = max(diagnosis.remaining_rms_um**2 - diagnosis.noise_floor_um**2, 0.0)
     return {
         "schema": "armd.diagnosis/1",
@@ -47,6 +49,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             "heldout_by": "session" if diagnosis.holdout else "placement, in turn",
         },
         "findings": findings,
+        "sets": [_describe_set(causes) for causes in list_sets(diagnosis.findings, rivals)],
         "unexplained": {
             "rms_um": float(np.sqrt(unexplained)),
             "significant": diagnosis.significant_rest,
@@ -91,6 +94,15 @@ def describe_needs(cause: str) -> str:
     return (
         CATALOGUE[cause].needs or "poses or conditions that set it apart from placements and seats"
     )
+
+
+def _describe_set(cause_set: CauseSet) -> dict[str, Any]:
+    return {
+        "causes": [
+            {"cause": cause.cause, "location": describe_place(cause)} for cause in cause_set.causes
+        ],
+        "probability": cause_set.probability,
+    }
 
 
 def _finding(diagnosis: Diagnosis, index: int, finding: Finding, gain: Gain) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from armd.compensation.diagnose.fitting.target_steps import (
 )
 from armd.compensation.diagnose.problem.layout import EXPANSIONS
 from armd.compensation.diagnose.problem.rests import count_spare_rows
+from armd.compensation.diagnose.report.sets import select_as_probable
 from armd.compensation.diagnose.report.sizes import is_size_known
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
@@ -72,6 +73,7 @@ def write_verdict(diagnosis: Diagnosis) -> str:
                 f"What goes with time, {numbered(contradicted_later)}, is not in it: fitted to the "
                 "earlier readings, it makes the later ones worse. Measure longer."
             )
+        sentences += _describe_rival_sets(diagnosis)
         if report_only:
             numbers = numbered(report_only)
             sentences.append(f"No calibration can contain {numbers}: reported, and not written.")
@@ -134,6 +136,17 @@ def _describe_later_gain(diagnosis: Diagnosis) -> list[str]:
         return []
     low, high = map(format_um, diagnosis.later_gain_um)
     return [f"In another session like these it gains {low} to {high} µm (95 %)."]
+
+
+def _describe_rival_sets(diagnosis: Diagnosis) -> list[str]:
+    """Which other causes together may stand in the place of findings."""
+    rivals = select_as_probable(diagnosis.search.rival_causes)
+    return [
+        f"Instead of {_numbers(diagnosis, rival.finding_numbers)}, "
+        f"{' with '.join(map(_named, rival.instead))} may be there: these readings do not tell "
+        f"which ({rival.odds:.2g} times as probable)."
+        for rival in rivals
+    ]
 
 
 def _of_growth(diagnosis: Diagnosis) -> list[str]:

@@ -14,7 +14,7 @@ from dataclasses import replace
 from scipy.special import ndtr
 
 from armd.compensation.diagnose.constants import LEAST_PROBABILITY, MOST_RIVAL_SET
-from armd.compensation.diagnose.diagnosis import Finding, Rival
+from armd.compensation.diagnose.diagnosis import Finding, Rival, RivalCauses
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.confusion import compare
 from armd.compensation.diagnose.scoring.shape import is_shape
@@ -26,38 +26,36 @@ from armd.compensation.model.arm import Arm
 HeldOutGain = Callable[[Fit, Sequence[Candidate], Sequence[Candidate]], float]
 
 
-def limit_by_rival_sets(
-    findings: Sequence[Finding],
-    last: Fit,
-    rivals: Sequence[tuple[Sequence[Candidate], float]],
-    arm: Arm,
-) -> tuple[Finding, ...]:
-    """The findings, each with the chances of rival sets that lack it and have others instead.
+def weigh_rival_sets(
+    findings: Sequence[Candidate], rivals: Sequence[tuple[Sequence[Candidate], float]]
+) -> tuple[RivalCauses, ...]:
+    """The odds of sets that lack some *findings* and have others instead.
 
     *rivals*: sets, and by how many standard errors each predicts readings held out better than the
-    findings of the fit *last*, normal about the truth (pseudo-BMA+: Yao, Vehtari, Simpson, Gelman
-    2018, Bayesian Analysis 13, 917).
+    findings, normal about the truth (pseudo-BMA+: Yao, Vehtari, Simpson, Gelman 2018, Bayesian
+    Analysis 13, 917).
     """
-    places = {c.place for c in last.findings}
+    places = {c.place for c in findings}
     weighed = []
-    for finding, candidate in zip(findings, last.findings, strict=True):
-        instead: list[tuple[Candidate, float]] = []
-        every = 0.0
-        for candidates, better in rivals:
-            instead_candidates = [
-                c for c in candidates if c.place not in places and not is_shape(c)
-            ]
-            chance = min(float(ndtr(better)), MOST_RIVAL_SET)
-            lacks = candidate.place not in {c.place for c in candidates}
-            if (
-                not (lacks and instead_candidates)
-                or is_shape(candidate)
-                or chance < LEAST_PROBABILITY
-            ):
-                continue
-            odds = chance / (1.0 - chance)
-            every += odds
-            instead += [(rival, odds) for rival in instead_candidates]
+    for candidates, better in rivals:
+        of_rival = {c.place for c in candidates}
+        instead = tuple(c for c in candidates if c.place not in places and not is_shape(c))
+        lacking = [i for i, c in enumerate(findings) if c.place not in of_rival and not is_shape(c)]
+        chance = min(float(ndtr(better)), MOST_RIVAL_SET)
+        if instead and lacking and chance >= LEAST_PROBABILITY:
+            weighed.append(RivalCauses(instead, tuple(lacking), chance / (1.0 - chance)))
+    return tuple(weighed)
+
+
+def limit_by_rival_sets(
+    findings: Sequence[Finding], last: Fit, rivals: Sequence[RivalCauses], arm: Arm
+) -> tuple[Finding, ...]:
+    """The findings of the fit *last*, each with the odds of the sets that lack it."""
+    weighed = []
+    for i, (finding, candidate) in enumerate(zip(findings, last.findings, strict=True)):
+        sets = [rival for rival in rivals if i in rival.finding_numbers]
+        instead = [(cause, rival.odds) for rival in sets for cause in rival.instead]
+        every = sum(rival.odds for rival in sets)
         weighed.append(_with_rivals(finding, candidate, instead, every, last, arm))
     return tuple(weighed)
 

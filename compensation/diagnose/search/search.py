@@ -18,7 +18,7 @@ from armd.compensation.diagnose.constants import (
     MOST_RENAMINGS,
     MOST_SEARCH_STEPS,
 )
-from armd.compensation.diagnose.diagnosis import Finding, SearchResult
+from armd.compensation.diagnose.diagnosis import Finding, RivalCauses, SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import find_refusal
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.acting_causes import list_acting_through
@@ -37,7 +37,11 @@ from armd.compensation.diagnose.search.findings import (
 from armd.compensation.diagnose.search.growth import fit_with_growth
 from armd.compensation.diagnose.search.replacing import require_heldout
 from armd.compensation.diagnose.search.revisit import Revisit, RivalSet, may_be_others
-from armd.compensation.diagnose.search.rival_sets import HeldOutGain, limit_by_rival_sets
+from armd.compensation.diagnose.search.rival_sets import (
+    HeldOutGain,
+    limit_by_rival_sets,
+    weigh_rival_sets,
+)
 from armd.compensation.diagnose.search.selection import (
     choose,
     choose_finding,
@@ -125,7 +129,8 @@ class Search:
         current, scored, findings_weighed = self._rename_less_likely(current, scored, tried_keys)
         strongest, log_p = find_strongest_left(scored, survey.tests)
         judged = judge(scored, findings_weighed, survey.tests)
-        reported = self._limit_by_rival_sets(judged, current, scored)
+        rivals = self._weigh_rival_sets(current, scored)
+        reported = limit_by_rival_sets(judged, current, rivals, survey.arm)
         searched = as_reported(current, reported)
         last = searched
         if grown := fit_with_growth(searched, survey.refusals.candidates, survey.arm, survey.tests):
@@ -134,10 +139,10 @@ class Search:
             if len(remaining) < len(reported):
                 reported = tuple(reported[i] for i in remaining)
                 searched = survey.fit([searched.findings[i] for i in remaining], searched)
-            reported = (
-                *self._judge_growth(growth)[: len(last.findings) - len(remaining)],
-                *reported,
-            )
+                rivals = ()
+            count = len(last.findings) - len(remaining)
+            reported = (*self._judge_growth(growth)[:count], *reported)
+            rivals = tuple(r.with_first_number(count) for r in rivals)
             survey.score(last)
         return SearchResult(
             facts=survey.facts,
@@ -146,6 +151,7 @@ class Search:
             last=last,
             steps=partial(survey.fit_steps, first, last),
             findings=reported,
+            rival_causes=rivals,
             scores=scored.scores,
             tests=survey.tests,
             remaining_p=float(compute_family_wise_p(log_p, survey.tests)),
@@ -281,13 +287,13 @@ class Search:
             self._rivals = key, revisit.find_rival_sets()
         return self._rivals[1]
 
-    def _limit_by_rival_sets(
-        self, findings: Sequence[Finding], current: Fit, scored: ScoredCandidates
-    ) -> tuple[Finding, ...]:
-        """The findings no surer than the sets without them allow that explain as well."""
-        rivals = [
-            (rival_set.findings, self._held_out(current, current.findings, rival_set.findings))
-            for rival_set in self._rival_sets(current, scored)
-            if rival_set.likelier > -AS_WELL
-        ]
-        return limit_by_rival_sets(findings, current, rivals, self.survey.arm)
+    def _weigh_rival_sets(self, current: Fit, scored: ScoredCandidates) -> tuple[RivalCauses, ...]:
+        """The odds of sets that explain as well as the findings."""
+        return weigh_rival_sets(
+            current.findings,
+            [
+                (rival_set.findings, self._held_out(current, current.findings, rival_set.findings))
+                for rival_set in self._rival_sets(current, scored)
+                if rival_set.likelier > -AS_WELL
+            ],
+        )

@@ -81,6 +81,7 @@ def make_diagnosis_report(
                 f"What the simulation gets wrong over {comparison.bins.variable}, before and after"
             )
             page.add_figure(draw_rows([comparison], units), caption)
+    _add_sets(page, result)
     if diagnosis.outliers:
         page.add_heading("Outliers")
         page.add_table(
@@ -252,6 +253,25 @@ def _add_measured_against_simulated(
         "Band: 95 % of the data sets that the model gives by the noise found, each refitted as the "
         "readings were; grey: some of them. A point outside of it is what the simulation gets "
         f"wrong; 5 % lie there by chance. p: share with as much outside of {CURVES} such sets."
+    )
+
+
+def _add_sets(page: Page, result: dict[str, Any]) -> None:
+    """Which causes together explain these readings, where more than one set of them does."""
+    sets = result["sets"]
+    if len(sets) < 2 or len(sets[0]["causes"]) < 2:
+        return  # one finding has its alternatives
+    page.add_heading("Sets of causes")
+    page.add_table(
+        ["causes", "probability"],
+        [
+            ["; ".join(map(name_finding, cause_set["causes"])), f"{cause_set['probability']:.3f}"]
+            for cause_set in sets
+        ],
+    )
+    page.add_text(
+        "The first set is what was found. Each other has one cause renamed, or several causes "
+        "exchanged; names are taken as independent of each other."
     )
 
 

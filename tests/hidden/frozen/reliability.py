@@ -99,7 +99,11 @@ def list_sets(truth: Truth, ran: Ran) -> Iterator[Claim]:
     claims = list(list_causes(truth, ran))
     scored = score(truth, ran)
     complete = scored.named == scored.due
-    yield float(np.prod([p for p, _ in claims])), complete and all(right for _, right in claims)
+    is_right = complete and all(right for _, right in claims)
+    if ran.set_probability is not None:
+        yield ran.set_probability, is_right
+    else:  # by a revision that tells none
+        yield float(np.prod([p for p, _ in claims])), is_right
 
 
 def list_sizes(truth: Truth, ran: Ran) -> Iterator[bool]:

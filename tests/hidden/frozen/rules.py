@@ -121,8 +121,8 @@ RULES = (
     # Other sets
     Rule("another set instead", SEARCH + "search:Search._revisited", give(1)),
     Rule(
-        "a set's odds limit a probability", SEARCH + "search:Search._limit_by_rival_sets", give(1),
-        lambda result, _search, findings, *_: any(
+        "a set's odds limit a probability", SEARCH + "search:limit_by_rival_sets", give(0),
+        lambda result, findings, *_: any(
             a.probability != b.probability for a, b in zip(result, findings, strict=True)
         ),
     ),

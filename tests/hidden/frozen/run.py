@@ -32,6 +32,7 @@ class Ran:
     after_um: float | None = None
     promised_um: tuple[float, float] | None = None  # held-out RMS without and with the findings
     later_gain_um: tuple[float, float] | None = None  # 95 % of the gain in another session
+    set_probability: float | None = None  # of the findings as a whole
     seconds: float = 0.0  # of processor time, all commands
     diagnose_s: float = 0.0  # of the diagnosis alone
     refused: str = ""  # a command's message, where it ended with an error
@@ -132,6 +133,7 @@ def read_answer(folder: Path, diagnose_s: float) -> Ran:
     baseline = report["baseline"]
     return Ran(
         findings, *errors, _promised(baseline), baseline.get("later_gain_um"),
+        next((causes["probability"] for causes in report.get("sets", ())), None),
         seconds=diagnose_s, diagnose_s=diagnose_s,
     )  # fmt: skip
 

@@ -48,6 +48,8 @@ RAN = Ran(
 def test_a_set_is_right_if_nothing_is_missing_and_nothing_is_wrong() -> None:
     assert list(list_causes(TRUTH, RAN)) == [(0.9, True), (0.8, True)]
     assert list(list_sets(TRUTH, RAN)) == [(pytest.approx(0.72), True)]
+    told = replace(RAN, set_probability=0.6)
+    assert list(list_sets(TRUTH, told)) == [(0.6, True)]
     half = replace(RAN, findings=RAN.findings[:1])
     assert list(list_sets(TRUTH, half)) == [(0.9, False)]  # the wave is due and missing
     elsewhere = replace(RAN, findings=(RAN.findings[0] | {"location": "joint 5"},))

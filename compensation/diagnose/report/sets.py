@@ -1,0 +1,73 @@
+"""How probable the findings are as a whole, and what other sets of causes explain the readings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from armd.compensation.diagnose.constants import (
+    CLEARLY,
+    LEAST_POSITIVE,
+    LEAST_PROBABILITY,
+    MOST_RIVALS,
+)
+from armd.compensation.diagnose.diagnosis import Finding, RivalCauses
+from armd.compensation.effects.effect import Candidate
+
+
+@dataclass(frozen=True)
+class CauseSet:
+    """Causes that explain the readings together."""
+
+    causes: tuple[Candidate, ...]
+    probability: float
+
+
+def list_sets(findings: Sequence[Finding], rivals: Sequence[RivalCauses]) -> list[CauseSet]:
+    """The findings first, then the likeliest others; none where nothing was found.
+
+    A finding's probability is that of its name, all others given, less the odds of the *rivals*
+    that lack it. Names are taken as independent of each other: all together are as probable as the
+    product of what each has without those odds, over one and all odds. Another set has one finding
+    renamed, or has a rival's causes instead of some.
+    """
+    if not findings:
+        return []
+    causes = tuple(finding.candidate for finding in findings)
+    of_names = [
+        min(finding.probability * (1.0 + _sum_odds(rivals, i)), 1.0)
+        for i, finding in enumerate(findings)
+    ]
+    probability = math.prod(of_names) / (1.0 + sum(rival.odds for rival in rivals))
+    rival_sets = []
+    for rival in rivals:
+        in_both = (cause for i, cause in enumerate(causes) if i not in rival.finding_numbers)
+        rival_sets.append(CauseSet((*in_both, *rival.instead), probability * rival.odds))
+    in_sets = {cause.place for rival in rivals for cause in rival.instead}
+    for i, (finding, of_name) in enumerate(zip(findings, of_names, strict=True)):
+        # What has no name because several would do has these names among its own chance.
+        renamed = () if finding.is_of_several_names else finding.rivals
+        for alternative in renamed:
+            if alternative.candidate.place not in in_sets:
+                names = (*causes[:i], alternative.candidate, *causes[i + 1 :])
+                odds = alternative.probability / max(of_name, LEAST_POSITIVE)
+                rival_sets.append(CauseSet(names, probability * odds))
+    probable = [rival for rival in rival_sets if rival.probability >= LEAST_PROBABILITY]
+    probable.sort(key=lambda cause_set: -cause_set.probability)
+    return [CauseSet(causes, probability), *probable[:MOST_RIVALS]]
+
+
+def _sum_odds(rivals: Sequence[RivalCauses], finding_number: int) -> float:
+    """Of the sets that lack a finding."""
+    return sum(rival.odds for rival in rivals if finding_number in rival.finding_numbers)
+
+
+def select_as_probable(rivals: Sequence[RivalCauses]) -> list[RivalCauses]:
+    """The sets of several causes than which the findings are not clearly likelier; one name for
+    another is among a finding's alternatives."""
+    return [
+        rival
+        for rival in rivals
+        if CLEARLY * rival.odds > 1.0 and len(rival.instead) + len(rival.finding_numbers) > 2
+    ]
