@@ -78,8 +78,9 @@ class Diagnosis(Displayed):
 
     @property
     def sets(self) -> list[Record]:
-        """Sets of causes that explain the readings, each with `causes` and `probability`: the
-        findings first, then others, the most probable first."""
+        """Sets of causes in the arm that explain the readings, each with `causes` and
+        `probability`: those found, then others, the most probable first; without moved artefacts
+        and outliers."""
         return [make_records(cause_set) for cause_set in self._result["sets"]]
 
     @property

@@ -31,7 +31,10 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis, MovedArtefact
 from armd.compensation.diagnose.fitting.absorbed_error import allow_absorbed_error
-from armd.compensation.diagnose.fitting.under_test import judge_sessions, make_model_under_test
+from armd.compensation.diagnose.fitting.under_test import (
+    make_model_and_judge_sessions,
+    make_model_under_test,
+)
 from armd.compensation.diagnose.heldout.cross_validation import validate_in_turn
 from armd.compensation.diagnose.heldout.gain import compute_gains, group_readings
 from armd.compensation.diagnose.heldout.refutation import (
@@ -183,12 +186,12 @@ def _search_sessions(
     """Search the sessions that fit each other; and what is reported of the others."""
     remarks, strange = list[str](), list[InconsistentSession]()
     consistent = tuple(sessions)
-    of_all, inconsistent = judge_sessions(consistent, arm, calibration)
+    of_all, inconsistent = make_model_and_judge_sessions(consistent, arm, calibration)
     baseline = of_all
     while inconsistent is not None:
         strange.append(inconsistent)
         consistent = drop_inconsistent(consistent, inconsistent)
-        baseline, inconsistent = judge_sessions(consistent, arm, calibration)
+        baseline, inconsistent = make_model_and_judge_sessions(consistent, arm, calibration)
     searched = _search(consistent, arm, calibration, progress, work, baseline)
     inexplicable = []
     for inconsistent in strange:
@@ -255,7 +258,7 @@ def _search(
     while True:
         rests = collect_rests(sessions, arm)
         if begin is None or touched:
-            begin = make_model_under_test(sessions, arm, calibration)
+            begin, _ = make_model_and_judge_sessions(sessions, arm, calibration)
         baseline = begin
         drop_freed()
         progress("search", 0.0)

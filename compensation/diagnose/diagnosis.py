@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 from armd.arrays import F64
@@ -83,10 +83,6 @@ class RivalCauses:
     instead: tuple[Candidate, ...]
     finding_numbers: tuple[int, ...]  # of those that they would be instead of
     odds: float  # against the findings
-
-    def with_first_number(self, first: int) -> RivalCauses:
-        """The same where the findings are numbered from *first*."""
-        return replace(self, finding_numbers=tuple(first + i for i in self.finding_numbers))
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ class Options:
 
     thermal_order: int | None = None  # None: chosen by the error on readings left out
     compare: bool = True  # thermal models; without, the linear one wherever it can be told
-    judge_sessions: bool = True  # whether one that does not fit the others is looked for
+    judges_sessions: bool = True  # whether one that does not fit the others is looked for
     thermal_method: ThermalMethod = "polynomial"
     offset: bool = False  # C of eq. 14, per temperature; in the other models it is in the constants
     command: str = ""  # for the provenance
@@ -126,7 +126,7 @@ def _calibrate(
     )
     drawing_rms_um = compute_drawn_rms_um(observations, tips.terms, tips.free)
     inconsistent = None
-    if simple and options.judge_sessions:
+    if simple and options.judges_sessions:
         inconsistent = find_inconsistent_session(sessions, first, drawing_rms_um)
     second = (
         None

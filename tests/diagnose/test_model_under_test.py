@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.diagnose.fitting.under_test import judge_sessions, make_model_under_test
+from armd.compensation.diagnose.fitting.under_test import (
+    make_model_and_judge_sessions,
+    make_model_under_test,
+)
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.thermal.comparison import Comparison
 from armd.compensation.identify.thermal.terms import make_length_terms
@@ -60,5 +63,5 @@ def test_the_inconsistent_session_is_looked_for_under_a_calibration_too(moved_mm
 
     calibration = calibrate([session("before", truth)], ARM).calibration
     measured = [session(f"S{k}", other if k == 2 else truth) for k in range(4)]
-    _, odd = judge_sessions(measured, ARM, calibration)
+    _, odd = make_model_and_judge_sessions(measured, ARM, calibration)
     assert (odd.path.name if odd else None) == ("S2" if moved_mm else None)

@@ -31,7 +31,7 @@ from armd.compensation.diagnose.predictive.curves import (
     _sum_up,
     make_layout,
 )
-from armd.compensation.diagnose.predictive.scores import solve_again
+from armd.compensation.diagnose.predictive.scores import compute_scores, solve_again
 from armd.compensation.diagnose.predictive.strength import Strength, make_features
 from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums, ShapeSums
 from armd.compensation.report.diagnosis.predictive_plot import (
@@ -146,12 +146,18 @@ def test_a_refit_takes_of_data_what_least_squares_takes() -> None:
 @pytest.mark.parametrize("size", [10, MOST_TOGETHER])
 def test_curves_scatter_as_those_of_sets_that_are_drawn_and_refitted(size: int) -> None:
     """Ten thousand sets by brute force: copies of a posture in different bins share their error,
-    columns are free or have a prior, and each set is refitted by dense algebra."""
+    columns are free or have a prior, and differ between copies or do not; each set is refitted by
+    dense algebra with the weights that a refit gives to copies."""
     rng = np.random.default_rng(3)
     posture = np.arange(N) // 2
     free, held = rng.normal(size=(2, N // 2, 3, 4))
     joints = rng.normal(size=(N // 2, 3, JOINTS))[posture]
-    columns = np.concatenate([free, held], axis=2)[posture].reshape(3 * N, 8)
+    alike = np.concatenate([free, held], axis=2)[posture]
+    differing = (
+        alike
+        * np.where(np.arange(8) % 4 < 2, np.tile([1.0, -0.7], N // 2)[:, None], 1.0)[:, None, :]
+    )
+    columns = differing.reshape(3 * N, 8)
     fit = small_fit(np.zeros(3 * N), columns[:, :4], identified=columns[:, 4:])
     fit.linear.rests.posture = posture
     linear: Any = SimpleNamespace(rests=fit.linear.rests, joints=joints)
@@ -164,11 +170,9 @@ def test_curves_scatter_as_those_of_sets_that_are_drawn_and_refitted(size: int) 
     drawn = roots @ (np.sqrt(0.6) * common + np.sqrt(0.4) * rng.normal(size=(N, 3, 10_000)))
     amplitudes = np.concatenate([np.zeros((4, 10_000)), 10.0 * rng.normal(size=(4, 10_000))])
     drawn = drawn.reshape(3 * N, -1) + columns @ amplitudes
-    covariance = np.zeros((3 * N, 3 * N))
-    for i, j in zip(*np.nonzero(posture[:, None] == posture), strict=True):
-        block = (1.0 if i == j else 0.6) * roots[i] @ roots[j].T
-        covariance[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = block
-    weighted = np.linalg.solve(covariance, columns)
+    weights = np.einsum("nji,njk->nik", noise.whitener, noise.whitener)
+    by_rest = columns.reshape(N, 3, 8)
+    weighted = np.einsum("nij,njk->nik", weights, by_rest).reshape(3 * N, 8)
     prior = np.diag([0.0] * 4 + [0.01] * 4)
     taken = columns @ np.linalg.solve(columns.T @ weighted + prior, weighted.T @ drawn)
     left = (drawn - taken).reshape(N, 3, -1)
@@ -180,6 +184,7 @@ def test_curves_scatter_as_those_of_sets_that_are_drawn_and_refitted(size: int) 
     assert (len(starts) < MOST_TOGETHER) == (size == 10)
     layout = make_layout([bins], again.nuisance.columns)
     sums = _sum_up(again, layout)
+    scores = [*compute_scores(again, joints)]
     for k, curve in enumerate(_make_curves(sums, layout, np.ones(JOINTS))):
         metric = np.einsum("nji,njk,nk->ni", whitener, whitener, joints[:, :, k])
         parts = np.einsum("ni,nir->nr", metric, left)[order]
@@ -192,6 +197,12 @@ def test_curves_scatter_as_those_of_sets_that_are_drawn_and_refitted(size: int) 
             assert np.abs(correlation - np.eye(10)).max() > 0.1
             own = np.sqrt(np.diag(curve.covariance))
             assert curve.covariance / np.outer(own, own) == pytest.approx(correlation, abs=0.05)
+        shapes = rng.normal(size=(2, 3, N))
+        of_shapes = scores[k].sum_along(shapes)[1].covariance
+        scale = float(noise.counts[0])  # of a posture's copies, all of which count as much
+        for shape, covariance in zip(shapes, of_shapes, strict=True):
+            drawn_sums = scale * shape @ parts[np.argsort(order)]
+            assert covariance == pytest.approx(np.cov(drawn_sums), rel=0.05, abs=2.0)
         squares = (np.einsum("ni,nir->nr", metric, left) ** 2).sum(axis=0)
         assert sums.spread[k] ** 2 == pytest.approx(squares[0] / squares.mean(), rel=0.02)
 
@@ -288,10 +299,13 @@ def test_sums_of_several_variables_are_those_of_each() -> None:
     pieces = np.split(rng.permutation(N), [30, 70])
     functions = [*map(Functions.from_features, features, (first, short), (N, N))]
     sums = FunctionSums(functions, pieces)
-    all_sums = sums.sum_at_all(values)
+    all_sums = sums.sum_values(values)
     by_piece = [sums.sum_at_piece(i, values[rests]) for i, rests in enumerate(pieces)]
     assert np.sum(by_piece, axis=0) == pytest.approx(all_sums)
-    assert sums.sum_at_all(csr_array(values)) == pytest.approx(all_sums)
+    sparse = sums.sum_sparse(csr_array(values))
+    assert sparse.select(slice(1, 3)) == pytest.approx(all_sums[:, 1:3])
+    for over_all, of_variable in zip(sums.divide(all_sums), sparse.divide(), strict=True):
+        assert of_variable == pytest.approx(over_all)
     for bins, of_rests, over_bins, over_all in zip(
         (first, short), features, sums.sum_over_bins(values), sums.divide(all_sums), strict=True
     ):
@@ -302,7 +316,7 @@ def test_sums_of_several_variables_are_those_of_each() -> None:
     shapes = ShapeSums(rng.normal(size=(5, N)), pieces)
     in_turn = [shapes.sum_at_piece(i, values[rests]) for i, rests in enumerate(pieces)]
     assert np.sum(in_turn, axis=0) == pytest.approx(shapes.shapes @ values)
-    assert shapes.sum_at_all(csr_array(values)) == pytest.approx(shapes.sum_at_all(values))
+    assert shapes.sum_sparse(csr_array(values)).columns == pytest.approx(shapes.shapes @ values)
     # Beside too many bins there is no feature.
     each = replace(first, starts=np.arange(N))
     alone = Functions.from_features(np.ones((N, 1)), each, N)

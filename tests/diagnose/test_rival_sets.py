@@ -1,14 +1,16 @@
 """How sure a finding is beside sets that lack it: odds worked out by hand; t by scipy."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import norm, ttest_1samp
 
-from armd.compensation.diagnose.diagnosis import Finding, Rival
+from armd.compensation.diagnose.diagnosis import Finding, Rival, RivalCauses
 from armd.compensation.diagnose.heldout.sets import count_standard_errors
 from armd.compensation.diagnose.scoring.confusion import Likeness
+from armd.compensation.diagnose.scoring.shape import locate_shape
 from armd.compensation.diagnose.search import rival_sets
 from armd.compensation.diagnose.search.refusals import Refusals
 from armd.compensation.effects.effect import Candidate
@@ -45,6 +47,24 @@ def test_a_set_that_predicts_nearly_as_well_takes_its_chance(monkeypatch) -> Non
     assert sum(beside.values()) - beside[SENSOR] + wobble.probability == pytest.approx(1.0)
     assert length.probability == 1.0  # which that set has too
     assert not length.rivals
+
+
+def test_sets_of_the_same_causes_count_once_and_take_the_shape_with_the_cause() -> None:
+    slow, fast = (replace(GEARS, setting=(("time_constant_s", s),)) for s in (60.0, 600.0))
+    shape = replace(candidate("unknown", 2), location=locate_shape(WOBBLE))
+    weighed = rival_sets.weigh_rival_sets(
+        [WOBBLE, LENGTH, shape],
+        [([LENGTH, slow, SENSOR], -1.0), ([LENGTH, SENSOR, fast], -0.6), ([LENGTH], 1.0)],
+    )
+    odds = norm.cdf(-0.6) / norm.sf(-0.6)
+    assert weighed == (RivalCauses((SENSOR, fast), (0, 2), pytest.approx(odds)),)
+
+
+def test_rivals_of_findings_that_are_gone_are_dropped() -> None:
+    rivals = [RivalCauses((GEARS,), (0, 2), 0.5), RivalCauses((SENSOR,), (1,), 0.5)]
+    assert rival_sets.renumber_rivals(rivals, [0, 2], 3) == (
+        replace(rivals[0], finding_numbers=(3, 4)),
+    )
 
 
 def test_a_set_that_did_not_replace_it_is_at_most_as_probable(monkeypatch) -> None:

@@ -63,6 +63,16 @@ def test_what_several_causes_would_do_is_no_set_of_each() -> None:
 
 
 def test_sets_that_are_not_clearly_less_likely_are_pointed_out() -> None:
-    near, far = (RivalCauses((GEARS, SENSOR), (0,), odds) for odds in (0.11, 0.09))
+    near, far, nearer = (RivalCauses((GEARS, SENSOR), (0,), odds) for odds in (0.11, 0.09, 0.5))
     renamed = RivalCauses((GEARS,), (0,), 1.0)
-    assert select_as_probable([near, far, renamed]) == [near]
+    assert select_as_probable([near, far, nearer, renamed]) == [nearer, near]
+
+
+def test_an_alternative_stays_that_only_another_findings_rival_has() -> None:
+    """0.6 and 0.4 are the names of the first; a set with the second's stands for the other only."""
+    first = replace(DOUBTFUL, probability=0.6, rivals=(Rival(GEARS, 0.4, 3.0),))
+    second = replace(SURE, probability=0.5)
+    sets = list_sets([first, second], [RivalCauses((GEARS, SENSOR), (1,), 1.0)])
+    assert sets[0] == CauseSet((WOBBLE, LENGTH), pytest.approx(0.6 / 2))
+    assert CauseSet((GEARS, LENGTH), pytest.approx(0.4 / 2)) in sets
+    assert sum(one.probability for one in sets) == pytest.approx(0.8)  # 0.2: both exchanged

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
 
 from armd.compensation.diagnose.predictive.bins import Bins
 from armd.compensation.diagnose.predictive.scores import Absorption, Score
@@ -23,6 +22,7 @@ from armd.compensation.diagnose.predictive.strength import (
 )
 from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
 from armd.compensation.diagnose.predictive.waves import make_waves
+from armd.compensation.estimate.linear.blocks import Piece
 from armd.compensation.estimate.linear.linear_model import LinearModel
 
 
@@ -40,9 +40,10 @@ def score_of(residual: np.ndarray, absorbed: np.ndarray | None = None) -> tuple[
     b = columns.shape[1]
     problem = LinearModel.from_rows([("free", columns, np.full(b, np.inf))])
     taken = problem.project(columns.T @ residual)
-    absorption = Absorption(problem, taken, [np.arange(n)], [np.arange(b)], [columns])
+    piece = Piece(np.arange(n), np.arange(b), np.zeros((n, 3, b)))
+    absorption = Absorption(problem, taken, [piece], [columns])
     left = residual - columns @ problem.solve_amplitudes(columns.T @ residual)
-    score = Score(residual, left, np.ones(n), np.ones(n), csr_array((n, 0)), absorption)
+    score = Score(residual, left, np.tile([1.0, 0.0, 0.0], (n, 1)), absorption)
     return score, Misfit(float(left @ left), n - b)
 
 

@@ -30,31 +30,34 @@ def make_model_under_test(
     model is the one under test wherever there can be one, and others are not tried.
     """
     if calibration is None:
-        return _calibrate(sessions, arm, judge_sessions=False)[0]
-    return _hold(sessions, arm, calibration)[0]
+        return _calibrate(sessions, arm, is_judging=False)[0]
+    return _fix_calibration(sessions, arm, calibration)[0]
 
 
-def judge_sessions(
+def make_model_and_judge_sessions(
     sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
 ) -> tuple[Baseline, InconsistentSession | None]:
-    """The same model, and the one of the sessions that does not fit the others."""
+    """Return the same model, and the session that does not fit the others.
+
+    Only so does a calibration's certificate know of that session.
+    """
     if calibration is None:
-        return _calibrate(sessions, arm, judge_sessions=True)
-    baseline, observations = _hold(sessions, arm, calibration)
+        return _calibrate(sessions, arm, is_judging=True)
+    baseline, observations = _fix_calibration(sessions, arm, calibration)
     if has_reflectors(sessions):  # nobody knows where each reading's tip is
         return baseline, None
     return baseline, fit_and_find_inconsistent_session(sessions, observations)
 
 
 def _calibrate(
-    sessions: Sequence[Session], arm: Arm, judge_sessions: bool
+    sessions: Sequence[Session], arm: Arm, is_judging: bool
 ) -> tuple[Baseline, InconsistentSession | None]:
-    result = calibrate(sessions, arm, Options(compare=False, judge_sessions=judge_sessions))
+    result = calibrate(sessions, arm, Options(compare=False, judges_sessions=is_judging))
     baseline = from_calibration(result.calibration, arm, False, result.reflectors)
     return baseline, result.inconsistent_session
 
 
-def _hold(
+def _fix_calibration(
     sessions: Sequence[Session], arm: Arm, calibration: Calibration
 ) -> tuple[Baseline, Observations]:
     """A calibration as the model under test of the observations of *sessions*."""

@@ -73,8 +73,9 @@ class ResidualCurve:
         """(r, B) of a few data sets."""
         normal = np.random.default_rng(CURVES_SEED).normal(size=(len(self.mean), SETS_SHOWN))
         sigma = np.sqrt(_get_variances(self.covariance))
-        factor = np.eye(len(sigma)) if self.covariance.ndim == 1 else _make_factor(self.covariance)
-        sets: F64 = (sigma[:, None] * (factor @ normal)).T
+        if self.covariance.ndim == 2:
+            normal = _make_factor(self.covariance) @ normal
+        sets: F64 = (sigma[:, None] * normal).T
         return sets
 
     @property
@@ -247,9 +248,9 @@ def _make_curves(sums: ModelSums, layout: CurveLayout, spread: F64) -> list[Resi
                 is_clear if covariance.ndim == 1 else np.outer(is_clear, is_clear)
             )
             lever = np.maximum(sums.levers[v][:, k], LEAST_SQUARE)
-            unit = lever if covariance.ndim == 1 else np.outer(lever, lever) ** 0.5
+            levers = lever**2 if covariance.ndim == 1 else np.outer(lever, lever)
             mean = is_clear * values[bins_alone] / lever
-            covariance = spread[k] ** 2 * covariance / unit**2
+            covariance = spread[k] ** 2 * covariance / levers
             outside = float(
                 (np.abs(mean) > HALF_WIDTH * np.sqrt(_get_variances(covariance))).mean()
             )
@@ -259,7 +260,7 @@ def _make_curves(sums: ModelSums, layout: CurveLayout, spread: F64) -> list[Resi
                     covariance=covariance,
                     outside=outside,
                     p_value=_compute_p_value(outside, covariance, layout.normal),
-                    weight=np.maximum(sums.weights[v][:, k], LEAST_SQUARE),
+                    weight=sums.weights[v][:, k],
                     rests=len(bins.order),
                     strength=sums.strengths[v][k],
                 )

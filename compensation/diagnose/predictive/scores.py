@@ -6,164 +6,217 @@ noise, sums of the residuals over the curve's features; and how these sums scatt
 is right, after all that absorbs has taken its part of them.
 
 So they scatter among data sets that the model gives, each refitted as the readings were (a
-posterior predictive check: Gelman, Meng and Stern, Statistica Sinica 6, 1996). The refit is linear
-and weighs by the noise, so that this needs no drawing: with noise of covariance Σ, columns C of
-what absorbs, and the information A of their amplitudes, priors included, residuals have the
-covariance Σ − C A⁻¹ Cᵀ.
+posterior predictive check: Gelman, Meng and Stern, Statistica Sinica 6, 1996). The refit is linear,
+so that this needs no drawing. Where it weighs by the noise Σ, columns C of what absorbs leave
+residuals of covariance Σ − C A⁻¹ Cᵀ, A being the information of their amplitudes, priors included.
+Where copies of a posture share their noise it does not: `copies.py`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import repeat
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from armd.arrays import F64, I64, Mask
+from armd.arrays import F64
 from armd.compensation.diagnose.constants import AXES, LEAST_SUM, LEAST_VARIANCE_MM2
 from armd.compensation.diagnose.fitting.fit import make_normal_equations
+from armd.compensation.diagnose.predictive.copies import Copies
 from armd.compensation.diagnose.predictive.strength import Misfit, Scatter
 from armd.compensation.diagnose.predictive.sums import (
     Functions,
     FunctionSums,
     RestFunctions,
     ShapeSums,
+    SparseSums,
 )
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
+from armd.compensation.estimate.linear.blocks import Piece
 from armd.compensation.estimate.linear.linear_model import LinearModel
 
 
 @dataclass(frozen=True)
 class Absorption:
-    """Products of a component's motion with the columns of what absorbs, at each rest."""
+    """What the nuisance columns absorb of sums along one component's motion."""
 
     problem: LinearModel  # of b columns
-    residual: F64  # (b,) what absorbs takes of the residual: as exactly as of a curve
-    pieces: Sequence[I64]  # of each piece the rests (k,)
-    columns: Sequence[I64]  # and the columns (c,) that are not zero there
-    values: Sequence[F64]  # (k, c)
+    residual: F64  # (b,) what they absorb of the residual: as exactly as of a curve
+    pieces: Sequence[Piece]  # the whitened columns, piece by piece
+    values: Sequence[F64]  # of each piece (k, c) products of the motion with its columns
 
     def absorb(self, sums: RestFunctions, count: int) -> F64:
-        """(m, b) what absorbs takes of *count* sums, along directions that are apart."""
+        """Return (m, b) what is absorbed of *count* sums, along directions that are apart."""
         across = np.zeros((self.problem.layout.n, count))
-        for number, (columns, values) in enumerate(zip(self.columns, self.values, strict=True)):
-            across[columns] += sums.sum_at_piece(number, values).T
+        for number, (piece, values) in enumerate(zip(self.pieces, self.values, strict=True)):
+            across[piece.columns] += sums.sum_at_piece(number, values).T
         return self.problem.project(across).T
 
-    def compute_variance(self) -> float:
-        """What absorbs takes of the variance of all rests."""
-        covariance = self.problem.covariance
-        return sum(
-            float(((values.T @ values) * covariance[np.ix_(columns, columns)]).sum())
-            for columns, values in zip(self.columns, self.values, strict=True)
-        )
+    def absorb_noise(
+        self, sums: RestFunctions, count: int, copies: Copies, shared: SparseSums
+    ) -> F64:
+        """Return (m, b) covariances of *count* sums of noise with what is absorbed of it."""
+        across = np.zeros((self.problem.layout.n, count))
+        for number, (piece, values) in enumerate(zip(self.pieces, self.values, strict=True)):
+            own = copies.own_share[piece.rests, None] * values
+            across[piece.columns] += sums.sum_at_piece(number, own).T
+            across[piece.columns] += (
+                copies.crossings[number] @ shared.select(copies.parts[number]).T
+            )
+        return self.problem.project(across).T
+
+    def compute_variance(self, copies: Copies | None, sizes: csr_array) -> float:
+        """Return by how much what is absorbed lessens the variance of the products at all rests,
+        *sizes* (n, s) being those of the shared noises."""
+        covariance, lessened = self.problem.covariance, 0.0
+        if copies is not None:
+            turn = self.problem.project(np.eye(self.problem.layout.n)).T
+            twice_absorbed = turn @ copies.absorbed @ turn.T
+        for number, (piece, values) in enumerate(zip(self.pieces, self.values, strict=True)):
+            places = np.ix_(piece.columns, piece.columns)
+            gram = values.T @ values
+            if copies is None:
+                lessened += float((gram * covariance[places]).sum())
+                continue
+            own = values.T @ (copies.own_share[piece.rests, None] * values)
+            shared = sizes[piece.rests][:, copies.parts[number]]
+            crossed = own + copies.crossings[number] @ (shared.T @ values)
+            lessened += float(2.0 * (crossed * covariance[places]).sum())
+            lessened -= float((gram * twice_absorbed[places]).sum())
+        return lessened
 
 
 @dataclass(frozen=True)
 class Score:
-    """Of one component, at each rest."""
+    """The products of one component's motion with the residual, at each rest."""
 
-    product: F64  # (n,) with the residual before anything is absorbed
-    remaining: F64  # (n,) with what the refit leaves of it
-    squared_norm: F64  # (n,) of the component's motion
-    variance: F64  # (n,) of the product, of the noise that is the rest's own
-    shared: csr_array  # (n, s) its parts of each noise of unit variance that copies share
+    product: F64  # (n,) before anything is absorbed
+    remaining: F64  # (n,) after the refit
+    motion: F64  # (n, 3) in units of the noise
     absorption: Absorption
+    copies: Copies | None = None
+
+    @cached_property
+    def squared_norm(self) -> F64:
+        """The squares (n,) of the component's motion."""
+        squares: F64 = (self.motion**2).sum(axis=1)
+        return squares
+
+    @cached_property
+    def variance(self) -> F64:
+        """The variance (n,) of each product, of noise that is the rest's own."""
+        own_share = 1.0 if self.copies is None else self.copies.own_share
+        return self.squared_norm * own_share
+
+    @cached_property
+    def _sizes(self) -> csr_array:
+        """The sizes (n, s) of the noises that copies share, in the products."""
+        if self.copies is None:
+            return csr_array((len(self.motion), 0))
+        return self.copies.lay_out(self.motion)
 
     @property
     def spread(self) -> float:
         """By how much more the residuals scatter along the component than the model's data sets
         do: the noise found is right over all, not along each."""
-        variance = float(self.variance.sum()) + float(self.shared.power(2).sum())
-        expected = variance - self.absorption.compute_variance()
+        variance = float(self.variance.sum()) + float(self._sizes.power(2).sum())
+        expected = variance - self.absorption.compute_variance(self.copies, self._sizes)
         measured = float(self.remaining @ self.remaining)
         return float(np.sqrt(max(measured, LEAST_SUM) / max(expected, LEAST_SUM)))
 
     def sum_over(self, sums: FunctionSums) -> list[tuple[F64, Scatter]]:
-        """Of each variable the sums (m + B,) over its functions, and how they scatter where there
+        """Return each variable's sums (m + B,) over its functions, and how they scatter where there
         is noise alone; of too many bins, each by itself."""
-        product, variance = sums.sum_at_all(np.stack([self.product, self.variance], axis=1)).T
+        product, variance = sums.sum_values(np.stack([self.product, self.variance], axis=1)).T
         absorbed = self.absorption.absorb(sums, len(product))
         values = product - absorbed @ self.absorption.residual
-        parts = (values, variance, self._share(sums), absorbed)
+        parts = [*map(sums.divide, (values, variance, absorbed))]
+        shared: Iterable[F64 | None] = repeat(None)
+        noise: Iterable[F64 | None] = repeat(None)
+        if self.copies is not None:
+            of_copies = sums.sum_sparse(self._sizes)
+            crossed = self.absorption.absorb_noise(sums, len(product), self.copies, of_copies)
+            shared, noise = of_copies.divide(), sums.divide(crossed)
         return [
-            (of_variable[0], self._compute_scatter(functions, *of_variable[1:]))
-            for functions, of_variable in zip(
-                sums.variables, zip(*map(sums.divide, parts), strict=True), strict=True
+            (of_variable, self._compute_scatter(functions, *of_parts))
+            for functions, of_variable, *of_parts in zip(
+                sums.variables, *parts, shared, noise, strict=False
             )
         ]
 
     def _compute_scatter(
-        self, functions: Functions, variance: F64, shared: F64, absorbed: F64
+        self,
+        functions: Functions,
+        variance: F64,
+        absorbed: F64,
+        shared: F64 | None,
+        noise: F64 | None,
     ) -> Scatter:
-        """By sums (m + B,) of the variance, (m + B, s) of what copies share, and (m + B, b) of what
-        absorbs takes."""
-        unabsorbed = variance + (shared**2).sum(axis=1)
+        """Return how one variable's sums scatter, by those (m + B,) of the variance, what is
+        *absorbed* (m + B, b), and of copies the *shared* noise (m + B, s) and what is absorbed of
+        *noise* (m + B, b)."""
+        unabsorbed = variance + (0.0 if shared is None else (shared**2).sum(axis=1))
         if not functions.is_together:
-            return Scatter(unabsorbed - (absorbed**2).sum(axis=1), unabsorbed)
+            taken = absorbed if noise is None else 2.0 * noise - absorbed @ self._absorbed_noise
+            return Scatter(unabsorbed - (absorbed * taken).sum(axis=1), unabsorbed)
         information, count = np.diag(variance), functions.count  # bins share no rest
         information[:, :count] = functions.sum_values(functions.columns * self.variance[:, None])
         information[:count, count:] = information[count:, :count].T
-        information += shared @ shared.T
-        return Scatter(information - absorbed @ absorbed.T, np.diag(information).copy())
+        if shared is not None:
+            information += shared @ shared.T
+        return Scatter(self._lessen(information, absorbed, noise), np.diag(information).copy())
 
     def sum_along(self, shapes: F64) -> tuple[F64, Scatter]:
-        """Of each shape (s, m, n) the sums (s, m), and how they scatter."""
+        """Return the sums (s, m) over each of some shapes (s, m, n), and how they scatter."""
         information = (shapes * self.variance) @ shapes.transpose(0, 2, 1)
         rows = shapes.reshape(-1, shapes.shape[2])  # one product of all takes half of one each
-        sums = ShapeSums(rows, self.absorption.pieces)
-        shared = self._share(sums).reshape(*shapes.shape[:2], -1)
-        information += shared @ shared.transpose(0, 2, 1)
+        sums = ShapeSums(rows, [piece.rests for piece in self.absorption.pieces])
+        by_shape = (*shapes.shape[:2], -1)
+        absorbed, noise = self.absorption.absorb(sums, len(rows)).reshape(by_shape), None
+        if self.copies is not None:
+            of_copies = sums.sum_sparse(self._sizes)
+            crossed = self.absorption.absorb_noise(sums, len(rows), self.copies, of_copies)
+            shared, noise = of_copies.columns.reshape(by_shape), crossed.reshape(by_shape)
+            information += shared @ shared.transpose(0, 2, 1)
         free = np.diagonal(information, axis1=1, axis2=2).copy()
-        absorbed = self.absorption.absorb(sums, len(rows)).reshape(*shapes.shape[:2], -1)
-        remaining = information - absorbed @ absorbed.transpose(0, 2, 1)
-        return shapes @ self.product - absorbed @ self.absorption.residual, Scatter(remaining, free)
+        values = shapes @ self.product - absorbed @ self.absorption.residual
+        return values, Scatter(self._lessen(information, absorbed, noise), free)
 
-    def _share(self, sums: RestFunctions) -> F64:
-        """(m, s) parts of sums of each noise that copies share."""
-        return sums.sum_at_all(self.shared)
+    def _lessen(self, information: F64, absorbed: F64, noise: F64 | None) -> F64:
+        """Return the covariance (…, m, m) of sums after what is absorbed (…, m, b) of them."""
+        across = np.swapaxes(absorbed, -1, -2)
+        if noise is None:
+            return information - absorbed @ across
+        crossed = noise @ across
+        absorbed_noise = absorbed @ self._absorbed_noise @ across
+        return information - crossed - np.swapaxes(crossed, -1, -2) + absorbed_noise
+
+    @property
+    def _absorbed_noise(self) -> F64:
+        assert self.copies is not None
+        return self.copies.absorbed
 
 
 def compute_scores(fit: Fit, moves: F64) -> Iterator[Score]:
-    """Of each component, by the tip's motion (n, 3, K)."""
-    noise, posture = fit.noise, fit.linear.rests.posture
+    """Yield the score of each component, by the tip's motion (n, 3, K)."""
+    noise = fit.noise
     white = noise.whitener @ moves
     residual = noise.whiten(np.stack([fit.residual, fit.residual - fit.fitted], axis=1))
     by_rest = residual[: AXES * len(moves)].reshape(-1, AXES, 2)
     absorbed = _absorb_residual(fit)
     columns = fit.nuisance.columns.whitened(noise.whitener, noise.distance_mm)
-    pieces = [piece.rests for piece in columns.pieces]
-    is_copied = np.bincount(posture)[posture] > 1
-    counts = np.broadcast_to(noise.counts, len(moves))
-    own_share = np.where(is_copied, counts * (1.0 - noise.shared_part), 1.0)
-    shared_size = np.sqrt(noise.shared_part * counts)[is_copied]
-    number = np.unique(posture[is_copied], return_inverse=True)[1]
+    copies = Copies.from_fit(fit, columns)
     for motion in np.moveaxis(white, 2, 0):
-        squared_norm = (motion**2).sum(axis=1)
         values = [
             np.einsum("nij,ni->nj", piece.values, motion[piece.rests]) for piece in columns.pieces
         ]
         product, remaining = np.einsum("ni,nij->jn", motion, by_rest)
-        yield Score(
-            product,
-            remaining,
-            squared_norm,
-            squared_norm * own_share,
-            _lay_out(shared_size[:, None] * motion[is_copied], is_copied, number),
-            Absorption(
-                fit.problem, absorbed, pieces, [piece.columns for piece in columns.pieces], values
-            ),
-        )
-
-
-def _lay_out(parts: F64, is_copied: Mask, number: I64) -> csr_array:
-    """(n, 3 p) of the copies' parts (k, 3), by the *number* (k,) of each one's posture."""
-    starts = AXES * np.concatenate([[0], np.cumsum(is_copied)])
-    columns = AXES * number[:, None] + np.arange(AXES)
-    shape = (len(is_copied), AXES * (int(number.max(initial=-1)) + 1))
-    return csr_array((parts.ravel(), columns.ravel(), starts), shape=shape)
+        absorption = Absorption(fit.problem, absorbed, columns.pieces, values)
+        yield Score(product, remaining, motion, absorption, copies)
 
 
 def compute_misfit(fit: Fit) -> Misfit:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import csc_array, csr_array, vstack
 
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import MOST_TOGETHER
@@ -49,35 +50,59 @@ class Functions:
         return np.concatenate([self.columns.T @ values, self.is_in @ values])
 
 
-class RestFunctions(Protocol):
-    """Sums of values over m functions of the rests."""
+@dataclass(frozen=True)
+class SparseSums:
+    """Sums over several variables' functions of values most of which are zero."""
 
-    def sum_at_all(self, values: F64 | csr_array) -> F64:
-        """(m, …) of values (n, …)."""
+    columns: F64  # (m, s) over all columns
+    bins: csc_array  # (B, s) over all bins
+    first_columns: I64  # of each variable but the first
+    first_bins: I64
+
+    def select(self, part: slice) -> F64:
+        """Return the sums (m + B, ·) of some of the values."""
+        return np.concatenate([self.columns[:, part], self.bins[:, part].toarray()])
+
+    def divide(self) -> Iterator[F64]:
+        """Yield each variable's own sums (m + B, s)."""
+        by_row = self.bins.tocsr()
+        edges = [0, *self.first_bins.tolist(), by_row.shape[0]]
+        by_column = np.split(self.columns, self.first_columns)
+        for columns, (low, high) in zip(by_column, itertools.pairwise(edges), strict=True):
+            yield np.concatenate([columns, by_row[low:high].toarray()])
+
+
+class RestFunctions(Protocol):
+    """Functions of the rests, over which values are summed."""
 
     def sum_at_piece(self, number: int, values: F64) -> F64:
-        """(m, c) of values (k, c) at the rests of one piece, by its number."""
+        """Return (m, c) sums of values (k, c) at the rests of one piece, by its number."""
+
+    def sum_sparse(self, values: csr_array) -> SparseSums:
+        """Return sums of values (n, s)."""
 
 
 @dataclass(frozen=True)
 class ShapeSums:
-    """Over shapes (m, n), the rests (k,) of each piece being given."""
+    """Sums over shapes (m, n), the rests (k,) of each piece being given."""
 
     shapes: F64
     pieces: Sequence[I64]
 
-    def sum_at_all(self, values: F64 | csr_array) -> F64:
-        """(m, …) of values (n, …)."""
-        return _multiply(self.shapes, values)
-
     def sum_at_piece(self, number: int, values: F64) -> F64:
-        """(m, c) of values (k, c)."""
+        """Return (m, c) sums of values (k, c) at the rests of one piece, by its number."""
         sums: F64 = self.shapes[:, self.pieces[number]] @ values
         return sums
 
+    def sum_sparse(self, values: csr_array) -> SparseSums:
+        """Return sums of values (n, s)."""
+        none = np.empty(0, np.int64)
+        no_bins = csc_array((0, values.shape[1]))
+        return SparseSums((values.T @ self.shapes.T).T, no_bins, none, none)
+
 
 class FunctionSums:
-    """Over the functions of several variables at once: all their columns, then all their bins."""
+    """Sums over the functions of several variables: all their columns, then all their bins."""
 
     def __init__(self, variables: Sequence[Functions], pieces: Sequence[I64]) -> None:
         """*pieces*: the rests (k,) of each."""
@@ -90,28 +115,26 @@ class FunctionSums:
         self._at_pieces = [(self._columns[rests].T, by_rest[rests].T.tocsr()) for rests in pieces]
 
     def sum_over_bins(self, values: F64) -> list[F64]:
-        """Of each variable (B, …) sums of values (n, …) over its bins."""
+        """Return each variable's sums (B, …) of values (n, …) over its bins."""
         return np.split(self._is_in @ values, self._first_bins)
 
-    def sum_at_all(self, values: F64 | csr_array) -> F64:
-        """(m, …) of values (n, …)."""
-        at_bins = self._is_in @ values
-        dense = at_bins.toarray() if isinstance(at_bins, csr_array) else at_bins
-        return np.concatenate([_multiply(self._columns.T, values), dense])
+    def sum_values(self, values: F64) -> F64:
+        """Return (m, …) sums of values (n, …)."""
+        return np.concatenate([self._columns.T @ values, self._is_in @ values])
 
     def sum_at_piece(self, number: int, values: F64) -> F64:
-        """(m, c) of values (k, c)."""
+        """Return (m, c) sums of values (k, c) at the rests of one piece, by its number."""
         columns, is_in = self._at_pieces[number]
         return np.concatenate([columns @ values, is_in @ values])
 
+    def sum_sparse(self, values: csr_array) -> SparseSums:
+        """Return sums of values (n, s)."""
+        over_bins = (self._is_in @ values).tocsc()
+        over_columns = (values.T @ self._columns).T
+        return SparseSums(over_columns, over_bins, self._first_columns, self._first_bins)
+
     def divide(self, sums: F64) -> list[F64]:
-        """Of each variable its own sums (m + B, …), of those (m, …) of all."""
+        """Return each variable's own sums (m + B, …), of those (m, …) of all."""
         by_column = np.split(sums[: self._columns.shape[1]], self._first_columns)
         by_bin = np.split(sums[self._columns.shape[1] :], self._first_bins)
         return [*map(np.concatenate, zip(by_column, by_bin, strict=True))]
-
-
-def _multiply(rows: F64, values: F64 | csr_array) -> F64:
-    """Rows (m, n) times values (n, …), which may be sparse."""
-    product: F64 = (values.T @ rows.T).T if isinstance(values, csr_array) else rows @ values
-    return product

@@ -46,8 +46,8 @@ class Waves:
 
     def _list_pairs(self) -> list[tuple[str, str]]:
         """Variables of neighbouring joints."""
-        neighbours = ((f"q{k}", f"q{k + 1}") for k in range(1, len(self.variables)))
-        return [names for names in neighbours if {*names} <= {*self.variables}]
+        neighbours = ((name, f"q{int(name[1:]) + 1}") for name in self.variables)
+        return [names for names in neighbours if names[1] in self.variables]
 
 
 def make_waves(bins: Sequence[Bins], rests: int) -> Waves:

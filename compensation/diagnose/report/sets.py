@@ -25,12 +25,12 @@ class CauseSet:
 
 
 def list_sets(findings: Sequence[Finding], rivals: Sequence[RivalCauses]) -> list[CauseSet]:
-    """The findings first, then the likeliest others; none where nothing was found.
+    """List the set of all findings, then the likeliest others; none where nothing was found.
 
-    A finding's probability is that of its name, all others given, less the odds of the *rivals*
-    that lack it. Names are taken as independent of each other: all together are as probable as the
-    product of what each has without those odds, over one and all odds. Another set has one finding
-    renamed, or has a rival's causes instead of some.
+    The names of findings are taken as independent of each other: the probability of all is the
+    product of the names' own, divided by one and the odds of all *rivals*. (A finding's probability
+    has the odds of those rivals in it that lack the finding; here they are taken out first.)
+    Another set has one finding renamed, or a rival's causes instead of some findings.
     """
     if not findings:
         return []
@@ -44,10 +44,12 @@ def list_sets(findings: Sequence[Finding], rivals: Sequence[RivalCauses]) -> lis
     for rival in rivals:
         in_both = (cause for i, cause in enumerate(causes) if i not in rival.finding_numbers)
         rival_sets.append(CauseSet((*in_both, *rival.instead), probability * rival.odds))
-    in_sets = {cause.place for rival in rivals for cause in rival.instead}
     for i, (finding, of_name) in enumerate(zip(findings, of_names, strict=True)):
         # What has no name because several would do has these names among its own chance.
         renamed = () if finding.is_of_several_names else finding.rivals
+        in_sets = {
+            cause.place for rival in rivals if i in rival.finding_numbers for cause in rival.instead
+        }
         for alternative in renamed:
             if alternative.candidate.place not in in_sets:
                 names = (*causes[:i], alternative.candidate, *causes[i + 1 :])
@@ -64,10 +66,13 @@ def _sum_odds(rivals: Sequence[RivalCauses], finding_number: int) -> float:
 
 
 def select_as_probable(rivals: Sequence[RivalCauses]) -> list[RivalCauses]:
-    """The sets of several causes than which the findings are not clearly likelier; one name for
-    another is among a finding's alternatives."""
-    return [
+    """Select sets of several causes that are at least a tenth as probable, the likeliest first.
+
+    One name for another is among a finding's alternatives.
+    """
+    probable = [
         rival
         for rival in rivals
         if CLEARLY * rival.odds > 1.0 and len(rival.instead) + len(rival.finding_numbers) > 2
     ]
+    return sorted(probable, key=lambda rival: -rival.odds)

@@ -139,13 +139,13 @@ def _describe_later_gain(diagnosis: Diagnosis) -> list[str]:
 
 
 def _describe_rival_sets(diagnosis: Diagnosis) -> list[str]:
-    """Which other causes together may stand in the place of findings."""
+    """Describe the sets of causes that may be there instead of findings, the likeliest first."""
     rivals = select_as_probable(diagnosis.search.rival_causes)
     return [
-        f"Instead of {_numbers(diagnosis, rival.finding_numbers)}, "
-        f"{' with '.join(map(_named, rival.instead))} may be there: these readings do not tell "
-        f"which ({rival.odds:.2g} times as probable)."
-        for rival in rivals
+        f"Instead of {_numbers(diagnosis, rival.finding_numbers)} it may be "
+        f"{' together with '.join(map(_named, rival.instead))} "
+        f"({rival.odds:.2g} times as probable)."
+        for rival in rivals[:MOST_TOLD]
     ]
 
 

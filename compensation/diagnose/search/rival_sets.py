@@ -17,7 +17,7 @@ from armd.compensation.diagnose.constants import LEAST_PROBABILITY, MOST_RIVAL_S
 from armd.compensation.diagnose.diagnosis import Finding, Rival, RivalCauses
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.confusion import compare
-from armd.compensation.diagnose.scoring.shape import is_shape
+from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
@@ -29,31 +29,51 @@ HeldOutGain = Callable[[Fit, Sequence[Candidate], Sequence[Candidate]], float]
 def weigh_rival_sets(
     findings: Sequence[Candidate], rivals: Sequence[tuple[Sequence[Candidate], float]]
 ) -> tuple[RivalCauses, ...]:
-    """The odds of sets that lack some *findings* and have others instead.
+    """Return the odds of sets that lack some *findings* and have others instead.
 
     *rivals*: sets, and by how many standard errors each predicts readings held out better than the
     findings, normal about the truth (pseudo-BMA+: Yao, Vehtari, Simpson, Gelman 2018, Bayesian
-    Analysis 13, 917).
+    Analysis 13, 917). Sets of the same causes at the same places count once, by the larger odds.
     """
     places = {c.place for c in findings}
-    weighed = []
+    weighed: dict[tuple[object, ...], RivalCauses] = {}
     for candidates, better in rivals:
         of_rival = {c.place for c in candidates}
         instead = tuple(c for c in candidates if c.place not in places and not is_shape(c))
         lacking = [i for i, c in enumerate(findings) if c.place not in of_rival and not is_shape(c)]
+        shapes = {locate_shape(findings[i]) for i in lacking}
+        lacking += [i for i, c in enumerate(findings) if is_shape(c) and c.location in shapes]
         chance = min(float(ndtr(better)), MOST_RIVAL_SET)
-        if instead and lacking and chance >= LEAST_PROBABILITY:
-            weighed.append(RivalCauses(instead, tuple(lacking), chance / (1.0 - chance)))
-    return tuple(weighed)
+        if not (instead and lacking) or chance < LEAST_PROBABILITY:
+            continue
+        rival = RivalCauses(instead, tuple(sorted(lacking)), chance / (1.0 - chance))
+        key = frozenset(c.place for c in instead), rival.finding_numbers
+        weighed[key] = max(weighed.get(key, rival), rival, key=lambda causes: causes.odds)
+    return tuple(weighed.values())
+
+
+def renumber_rivals(
+    rivals: Sequence[RivalCauses], remaining: Sequence[int], first: int
+) -> tuple[RivalCauses, ...]:
+    """Return the *rivals* of *remaining* findings only, which are then numbered from *first*."""
+    numbers = {number: first + i for i, number in enumerate(remaining)}
+    return tuple(
+        replace(rival, finding_numbers=tuple(numbers[i] for i in rival.finding_numbers))
+        for rival in rivals
+        if all(i in numbers for i in rival.finding_numbers)
+    )
 
 
 def limit_by_rival_sets(
     findings: Sequence[Finding], last: Fit, rivals: Sequence[RivalCauses], arm: Arm
 ) -> tuple[Finding, ...]:
-    """The findings of the fit *last*, each with the odds of the sets that lack it."""
+    """Lower the probability of each finding of the fit *last* by the odds of sets that lack it.
+
+    The causes of these sets become its alternatives.
+    """
     weighed = []
     for i, (finding, candidate) in enumerate(zip(findings, last.findings, strict=True)):
-        sets = [rival for rival in rivals if i in rival.finding_numbers]
+        sets = [r for r in rivals if i in r.finding_numbers and not is_shape(candidate)]
         instead = [(cause, rival.odds) for rival in sets for cause in rival.instead]
         every = sum(rival.odds for rival in sets)
         weighed.append(_with_rivals(finding, candidate, instead, every, last, arm))

@@ -252,15 +252,16 @@ def _add_measured_against_simulated(
     page.add_text(
         "Band: 95 % of the data sets that the model gives by the noise found, each refitted as the "
         "readings were; grey: some of them. A point outside of it is what the simulation gets "
-        f"wrong; 5 % lie there by chance. p: share with as much outside of {CURVES} such sets."
+        "wrong; 5 % lie there by chance. p: share with as much outside of up to "
+        f"{CURVES} such sets."
     )
 
 
 def _add_sets(page: Page, result: dict[str, Any]) -> None:
-    """Which causes together explain these readings, where more than one set of them does."""
+    """Add a table of the sets of causes that explain these readings, where there are several."""
     sets = result["sets"]
-    if len(sets) < 2 or len(sets[0]["causes"]) < 2:
-        return  # one finding has its alternatives
+    if len(sets) < 2 or all(len(cause_set["causes"]) < 2 for cause_set in sets):
+        return  # the alternatives of one finding stand beside it
     page.add_heading("Sets of causes")
     page.add_table(
         ["causes", "probability"],

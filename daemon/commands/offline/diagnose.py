@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
             command=command,
         )
     result = as_json(diagnosis.details, args.extended)
-    if args.json:  # data sets are drawn for it, which takes seconds
+    if args.json:  # with `predictive`, which takes a second or more
         result = diagnosis.to_dict() | {"extended_calibration": args.extended}
     if args.extended:
         save_calibration(args.extended, diagnosis.details.extended)

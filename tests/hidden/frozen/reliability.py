@@ -30,6 +30,8 @@ Answer = tuple[Truth, Ran]
 #: (reported probability, whether it was right)
 Claim = tuple[float, bool]
 EDGES = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)
+#: Findings that are no causes in the arm, and in no set of causes.
+NOT_IN_SETS = ("artefact_moved", "outliers")
 RIGHT = ("own", "neutral")
 ARC_SECOND = np.pi / 180 / 3600
 #: Causes whose planted size is one amplitude of the report: its unit in the report's.
@@ -101,7 +103,8 @@ def list_sets(truth: Truth, ran: Ran) -> Iterator[Claim]:
     complete = scored.named == scored.due
     is_right = complete and all(right for _, right in claims)
     if ran.set_probability is not None:
-        yield ran.set_probability, is_right
+        beside = [float(f["probability"]) for f in ran.findings if f["cause"] in NOT_IN_SETS]
+        yield ran.set_probability * float(np.prod(beside)), is_right
     else:  # by a revision that tells none
         yield float(np.prod([p for p, _ in claims])), is_right
 

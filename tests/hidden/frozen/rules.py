@@ -196,7 +196,8 @@ RULES = (
          lambda result, *_: result[0].shape[1] > 0),
     Rule("the first link's growth written", "diagnose.extend:has_known_growth", always(False)),
     # Sessions, artefact
-    Rule("a session that does not fit left out", FITTING + "under_test:judge_sessions",
+    Rule("a session that does not fit left out",
+         FITTING + "under_test:make_model_and_judge_sessions",
          lambda original, *args: (original(*args)[0], None),
          lambda result, *_: result[1] is not None),
     Rule("a session explained comes back", DIAGNOSE + "_is_explained", always(False)),
