@@ -24,6 +24,7 @@ from armd.compensation.diagnose.predictive.bins import (
     make_bins,
 )
 from armd.compensation.diagnose.predictive.components import Component, make_components
+from armd.compensation.diagnose.predictive.copies import Copies
 from armd.compensation.diagnose.predictive.curves import (
     ResidualComparison,
     ResidualCurve,
@@ -242,6 +243,29 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     assert wide.band == pytest.approx(sums.spread[1] * second.band)
 
 
+def test_copies_share_noise_within_their_posture_only() -> None:
+    """Three rests of one posture, one alone, two of another: sizes and products by hand."""
+    rng = np.random.default_rng(15)
+    columns = rng.normal(size=(18, 2))
+    fit = small_fit(np.zeros(18), columns)
+    assert Copies.from_fit(fit, fit.nuisance.columns) is None
+    fit.linear.rests.posture = np.array([0, 0, 0, 1, 2, 2])
+    noise = fit.noise.with_shared_part(0.5, fit.linear.rests.posture)
+    fit = solve_again(replace(fit, baseline=SimpleNamespace(is_given=False)), noise)
+    copies = Copies.from_fit(fit, fit.nuisance.columns.whitened(noise.whitener, np.ones(0)))
+    assert copies is not None and copies.number.tolist() == [0, 0, 0, -1, 1, 1]
+    # Three copies count as 3 / (1 + 2 · 0.5), each as a half; two as two thirds each.
+    assert copies.own_share == pytest.approx([0.25] * 3 + [1.0] + [1 / 3] * 2)
+    assert copies.shared_size**2 == pytest.approx([0.25] * 3 + [0.0] + [1 / 3] * 2)
+    motion = rng.normal(size=(6, 3))
+    sizes = copies.make_sizes(motion).toarray()
+    assert sizes.shape == (6, 6) and not sizes[3].any() and not sizes[:3, 3:].any()
+    assert sizes[4, 3:] == pytest.approx(np.sqrt(1 / 3) * motion[4])
+    by_rest = np.sqrt(noise.counts)[:, None, None] * columns.reshape(6, 3, 2)
+    first = 0.5 * by_rest[:3].sum(axis=0)  # (3, 2), axis by axis
+    assert copies.crossings[0][:, :3] == pytest.approx(first.T)
+
+
 @pytest.mark.usefixtures("along_the_joints")
 @pytest.mark.filterwarnings("error")
 def test_what_is_wholly_absorbed_is_never_outside() -> None:
@@ -304,10 +328,10 @@ def test_sums_of_several_variables_are_those_of_each() -> None:
     assert np.sum(by_piece, axis=0) == pytest.approx(all_sums)
     sparse = sums.sum_sparse(csr_array(values))
     assert sparse.select(slice(1, 3)) == pytest.approx(all_sums[:, 1:3])
-    for over_all, of_variable in zip(sums.divide(all_sums), sparse.divide(), strict=True):
+    for over_all, of_variable in zip(sums.split(all_sums), sparse.split(), strict=True):
         assert of_variable == pytest.approx(over_all)
     for bins, of_rests, over_bins, over_all in zip(
-        (first, short), features, sums.sum_over_bins(values), sums.divide(all_sums), strict=True
+        (first, short), features, sums.sum_over_bins(values), sums.split(all_sums), strict=True
     ):
         groups = np.split(values[bins.order], bins.starts[1:])
         assert over_bins == pytest.approx(np.array([group.sum(axis=0) for group in groups]))

@@ -62,7 +62,7 @@ def test_sets_of_the_same_causes_count_once_and_take_the_shape_with_the_cause() 
 
 def test_rivals_of_findings_that_are_gone_are_dropped() -> None:
     rivals = [RivalCauses((GEARS,), (0, 2), 0.5), RivalCauses((SENSOR,), (1,), 0.5)]
-    assert rival_sets.renumber_rivals(rivals, [0, 2], 3) == (
+    assert rival_sets.number_rivals(rivals, [0, 2], 3) == (
         replace(rivals[0], finding_numbers=(3, 4)),
     )
 

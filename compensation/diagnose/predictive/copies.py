@@ -63,7 +63,7 @@ class Copies:
         absorbed = fit.problem.project(fit.problem.project(gram).T)
         return cls(own_share, shared_size, number, parts, tuple(crossings), absorbed)
 
-    def lay_out(self, motion: F64) -> csr_array:
+    def make_sizes(self, motion: F64) -> csr_array:
         """Return the sizes (n, s) of the shared noises in products with a *motion* (n, 3)."""
         is_copied = self.number >= 0
         sizes = (self.shared_size[:, None] * motion)[is_copied]

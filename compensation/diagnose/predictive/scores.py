@@ -49,21 +49,21 @@ class Absorption:
     pieces: Sequence[Piece]  # the whitened columns, piece by piece
     values: Sequence[F64]  # of each piece (k, c) products of the motion with its columns
 
-    def absorb(self, sums: RestFunctions, count: int) -> F64:
+    def project_sums(self, sums: RestFunctions, count: int) -> F64:
         """Return (m, b) what is absorbed of *count* sums, along directions that are apart."""
         across = np.zeros((self.problem.layout.n, count))
         for number, (piece, values) in enumerate(zip(self.pieces, self.values, strict=True)):
             across[piece.columns] += sums.sum_at_piece(number, values).T
         return self.problem.project(across).T
 
-    def absorb_noise(
+    def project_noise(
         self, sums: RestFunctions, count: int, copies: Copies, shared: SparseSums
     ) -> F64:
         """Return (m, b) covariances of *count* sums of noise with what is absorbed of it."""
         across = np.zeros((self.problem.layout.n, count))
         for number, (piece, values) in enumerate(zip(self.pieces, self.values, strict=True)):
-            own = copies.own_share[piece.rests, None] * values
-            across[piece.columns] += sums.sum_at_piece(number, own).T
+            own_noise = copies.own_share[piece.rests, None] * values
+            across[piece.columns] += sums.sum_at_piece(number, own_noise).T
             across[piece.columns] += (
                 copies.crossings[number] @ shared.select(copies.parts[number]).T
             )
@@ -82,9 +82,9 @@ class Absorption:
             if copies is None:
                 lessened += float((gram * covariance[places]).sum())
                 continue
-            own = values.T @ (copies.own_share[piece.rests, None] * values)
+            own_noise = values.T @ (copies.own_share[piece.rests, None] * values)
             shared = sizes[piece.rests][:, copies.parts[number]]
-            crossed = own + copies.crossings[number] @ (shared.T @ values)
+            crossed = own_noise + copies.crossings[number] @ (shared.T @ values)
             lessened += float(2.0 * (crossed * covariance[places]).sum())
             lessened -= float((gram * twice_absorbed[places]).sum())
         return lessened
@@ -117,7 +117,7 @@ class Score:
         """The sizes (n, s) of the noises that copies share, in the products."""
         if self.copies is None:
             return csr_array((len(self.motion), 0))
-        return self.copies.lay_out(self.motion)
+        return self.copies.make_sizes(self.motion)
 
     @property
     def spread(self) -> float:
@@ -132,15 +132,15 @@ class Score:
         """Return each variable's sums (m + B,) over its functions, and how they scatter where there
         is noise alone; of too many bins, each by itself."""
         product, variance = sums.sum_values(np.stack([self.product, self.variance], axis=1)).T
-        absorbed = self.absorption.absorb(sums, len(product))
+        absorbed = self.absorption.project_sums(sums, len(product))
         values = product - absorbed @ self.absorption.residual
-        parts = [*map(sums.divide, (values, variance, absorbed))]
+        parts = [*map(sums.split, (values, variance, absorbed))]
         shared: Iterable[F64 | None] = repeat(None)
         noise: Iterable[F64 | None] = repeat(None)
         if self.copies is not None:
             of_copies = sums.sum_sparse(self._sizes)
-            crossed = self.absorption.absorb_noise(sums, len(product), self.copies, of_copies)
-            shared, noise = of_copies.divide(), sums.divide(crossed)
+            crossed = self.absorption.project_noise(sums, len(product), self.copies, of_copies)
+            shared, noise = of_copies.split(), sums.split(crossed)
         return [
             (of_variable, self._compute_scatter(functions, *of_parts))
             for functions, of_variable, *of_parts in zip(
@@ -161,8 +161,8 @@ class Score:
         *noise* (m + B, b)."""
         unabsorbed = variance + (0.0 if shared is None else (shared**2).sum(axis=1))
         if not functions.is_together:
-            taken = absorbed if noise is None else 2.0 * noise - absorbed @ self._absorbed_noise
-            return Scatter(unabsorbed - (absorbed * taken).sum(axis=1), unabsorbed)
+            lessened = absorbed if noise is None else 2.0 * noise - absorbed @ self._absorbed_noise
+            return Scatter(unabsorbed - (absorbed * lessened).sum(axis=1), unabsorbed)
         information, count = np.diag(variance), functions.count  # bins share no rest
         information[:, :count] = functions.sum_values(functions.columns * self.variance[:, None])
         information[:count, count:] = information[count:, :count].T
@@ -176,10 +176,10 @@ class Score:
         rows = shapes.reshape(-1, shapes.shape[2])  # one product of all takes half of one each
         sums = ShapeSums(rows, [piece.rests for piece in self.absorption.pieces])
         by_shape = (*shapes.shape[:2], -1)
-        absorbed, noise = self.absorption.absorb(sums, len(rows)).reshape(by_shape), None
+        absorbed, noise = self.absorption.project_sums(sums, len(rows)).reshape(by_shape), None
         if self.copies is not None:
             of_copies = sums.sum_sparse(self._sizes)
-            crossed = self.absorption.absorb_noise(sums, len(rows), self.copies, of_copies)
+            crossed = self.absorption.project_noise(sums, len(rows), self.copies, of_copies)
             shared, noise = of_copies.columns.reshape(by_shape), crossed.reshape(by_shape)
             information += shared @ shared.transpose(0, 2, 1)
         free = np.diagonal(information, axis1=1, axis2=2).copy()

@@ -63,7 +63,7 @@ class SparseSums:
         """Return the sums (m + B, ·) of some of the values."""
         return np.concatenate([self.columns[:, part], self.bins[:, part].toarray()])
 
-    def divide(self) -> Iterator[F64]:
+    def split(self) -> Iterator[F64]:
         """Yield each variable's own sums (m + B, s)."""
         by_row = self.bins.tocsr()
         edges = [0, *self.first_bins.tolist(), by_row.shape[0]]
@@ -133,7 +133,7 @@ class FunctionSums:
         over_columns = (values.T @ self._columns).T
         return SparseSums(over_columns, over_bins, self._first_columns, self._first_bins)
 
-    def divide(self, sums: F64) -> list[F64]:
+    def split(self, sums: F64) -> list[F64]:
         """Return each variable's own sums (m + B, …), of those (m, …) of all."""
         by_column = np.split(sums[: self._columns.shape[1]], self._first_columns)
         by_bin = np.split(sums[self._columns.shape[1] :], self._first_bins)

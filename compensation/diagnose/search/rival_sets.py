@@ -52,7 +52,7 @@ def weigh_rival_sets(
     return tuple(weighed.values())
 
 
-def renumber_rivals(
+def number_rivals(
     rivals: Sequence[RivalCauses], remaining: Sequence[int], first: int
 ) -> tuple[RivalCauses, ...]:
     """Return the *rivals* of *remaining* findings only, which are then numbered from *first*."""

@@ -40,7 +40,7 @@ from armd.compensation.diagnose.search.revisit import Revisit, RivalSet, may_be_
 from armd.compensation.diagnose.search.rival_sets import (
     HeldOutGain,
     limit_by_rival_sets,
-    renumber_rivals,
+    number_rivals,
     weigh_rival_sets,
 )
 from armd.compensation.diagnose.search.selection import (
@@ -139,12 +139,12 @@ class Search:
             remaining = [i for i, c in enumerate(searched.findings) if c in last.findings]
             if len(remaining) < len(reported):
                 searched = survey.fit([searched.findings[i] for i in remaining], searched)
-                among = renumber_rivals(rivals, remaining, 0)
+                among = number_rivals(rivals, remaining, 0)
                 judged = tuple(judged[i] for i in remaining)
                 reported = limit_by_rival_sets(judged, searched, among, survey.arm)
             count = len(last.findings) - len(remaining)
             reported = (*self._judge_growth(growth)[:count], *reported)
-            rivals = renumber_rivals(rivals, remaining, count)
+            rivals = number_rivals(rivals, remaining, count)
             survey.score(last)  # makes the parted survey that of *last*, for the cross-validation
         return SearchResult(
             facts=survey.facts,
