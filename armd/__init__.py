@@ -1,6 +1,6 @@
 """armd, the open driver for articulated measuring arms: its public names (docs/how-to/python.md).
 
-Names are looked up when they are used: a command that needs no network does not pay for one.
+Names are loaded when they are used, so a command without network does not load Zenoh.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ _HOMES = {
     "zenoh_session": ("ENDPOINT",),
 }
 
-if not TYPE_CHECKING:  # which would take every name for one that is there
+if not TYPE_CHECKING:  # a type checker would accept every name
 
     def __getattr__(name: str) -> Any:
         if name in _MODULES:
@@ -103,7 +103,7 @@ if not TYPE_CHECKING:  # which would take every name for one that is there
                 try:
                     home = importlib.import_module(f"armd.{module}")
                 except ModuleNotFoundError as error:
-                    # Where the subscriber's part alone is installed.
+                    # Only the subscriber's part is installed.
                     if str(error.name).startswith("armd.offline"):
                         advice = f"armd.{name} is not part of armd-client: install armd"
                         raise ImportError(advice) from error

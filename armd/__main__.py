@@ -6,7 +6,7 @@ import sys
 
 
 def main() -> int:
-    """Exit code of the command."""
+    """Run the command; return its exit code."""
     try:
         from armd.daemon.cli import main
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""A subscriber's view of an arm: connect, iterate points. Needs no configuration of armd.
+"""A subscriber's view of an arm: connects, and iterates points. Needs no configuration of armd.
 
 with armd.connect() as arm:
     for point in arm.points():
@@ -34,9 +34,9 @@ class Arm(Closing):
     """A connection to one arm's streams; close it, or use it in a `with`.
 
     - Iterators: `points`, `batches`, `points_async`, `measurements`, `events` and `health` give
-      what comes, for ever or for *seconds*, and end when the arm is closed, by any thread.
+      new messages, for ever or for *seconds*, and end when any thread closes the arm.
     - Snapshots: `latest`, `state`, `info` and `calibration_file` answer at once.
-    - History: `past` gives what the daemon still has.
+    - History: `past` gives the messages that the daemon still has.
     - Callbacks: `on_measurement` and `on_event` call a function.
 
     Iterate from one thread. Every error is an `ArmdError`: `NoAnswer` where nothing comes in time,
@@ -54,21 +54,21 @@ class Arm(Closing):
 
     @property
     def refused(self) -> Refused:
-        """What came on the arm's keys and was passed over: malformed, or of another publisher."""
+        """The number of ignored messages on the arm's keys: malformed, or of another publisher."""
         return self._gate.refused
 
     def close(self) -> None:
         self._session.close()  # type: ignore[no-untyped-call]
 
     def points(self, seconds: float | None = None) -> Iterator[Point]:
-        """Every point from now on, in order."""
+        """Yield every point from now on, in order."""
         for batch in self.batches(seconds):
             yield from Point.from_array(batch)
 
     def batches(self, seconds: float | None = None) -> Iterator[npt.NDArray[np.void]]:
-        """Arrays of `armd.POINT`: whatever has come since the last one, at least one point.
+        """Yield arrays of `armd.POINT` with all points since the last array, at least one.
 
-        What passes between two iterations is not lost, only not asked for.
+        Points between two iterations are not counted as lost.
         """
         self.lost.begin()
         with self.stream(keys.POINT) as stream:
@@ -76,7 +76,7 @@ class Arm(Closing):
                 yield self.decode(payloads)
 
     def latest(self, timeout_s: float = 1.0) -> Point:
-        """The next point that comes; raises `NoAnswer` if none does within *timeout_s*."""
+        """Return the next point that comes; raises `NoAnswer` if none does within *timeout_s*."""
         for point in self.points(timeout_s):
             return point
         if self._session.is_closed():
@@ -84,14 +84,14 @@ class Arm(Closing):
         raise NoAnswer(f"{self.serial}: no point within {timeout_s:g} s")
 
     def state(self) -> dict[str, Any]:
-        """The last health message: state, reason, rates, temperatures. Raises `NoAnswer`."""
+        """Return the last health message: state, reason, rates, temperatures. Raises `NoAnswer`."""
         return self._ask(keys.HEALTH)
 
     async def points_async(self, seconds: float | None = None) -> AsyncIterator[Point]:
-        """`points` for `async for`: other tasks run while nothing comes."""
+        """Yield points as `points` does, for `async for`: other tasks run between points."""
         end_s = math.inf if seconds is None else time.monotonic() + seconds
         self.lost.begin()
-        opened = await asyncio.to_thread(self.stream, keys.POINT)  # which asks the daemon something
+        opened = await asyncio.to_thread(self.stream, keys.POINT)  # this queries the daemon
         with opened as stream, suppress(Closed):
             while time.monotonic() < end_s:
                 for point in Point.from_array(self.decode(stream.take())):
@@ -101,15 +101,16 @@ class Arm(Closing):
     def on_measurement(
         self, call: Callable[[dict[str, Any]], object], past: bool = False
     ) -> Handle:
-        """Call *call* with each measurement as it comes, in a thread of Zenoh's; with *past* first
-        with those that the daemon still has. Close the handle that is returned to end it.
+        """Call *call* with each new measurement, in a thread of Zenoh's.
 
-        An exception that *call* raises is logged, and the next measurement comes all the same.
+        *past*: first with those that the daemon still has. Returns a handle; close it to end the
+        calls. An exception that *call* raises is logged, and the next measurement comes all the
+        same.
         """
         return self._on(keys.MEASUREMENT, call, past)
 
     def on_event(self, call: Callable[[dict[str, Any]], object], past: bool = False) -> Handle:
-        """The same for events."""
+        """Call *call* with each new event; see `on_measurement`."""
         return self._on(keys.EVENT, call, past)
 
     def _on(self, topic_key: str, call: Callable[[dict[str, Any]], object], past: bool) -> Handle:
@@ -122,30 +123,32 @@ class Arm(Closing):
         return Handle(subscriber.undeclare)
 
     def health(self, seconds: float | None = None) -> Iterator[dict[str, Any]]:
-        """Once a second: state, reason, rates, drops, temperatures, latency."""
+        """Yield once a second: state, reason, rates, drops, temperatures, latency."""
         return self._messages(keys.HEALTH, seconds)
 
     def events(self, seconds: float | None = None, past: bool = True) -> Iterator[dict[str, Any]]:
-        """Faults, recoveries, buttons, changes; those of the past first, unless not *past*."""
+        """Yield faults, recoveries, buttons, changes; past ones first, unless *past* is false."""
         return self._messages(keys.EVENT, seconds, past)
 
     def measurements(
         self, seconds: float | None = None, past: bool = True
     ) -> Iterator[dict[str, Any]]:
-        """Averaged points, one per button press or rest; those of the past first, unless not
-        *past*."""
+        """Yield averaged points, one per button press or rest.
+
+        Past ones come first, unless *past* is false.
+        """
         return self._messages(keys.MEASUREMENT, seconds, past)
 
     def health_now(self) -> dict[str, Any]:
-        """The older name of `state`."""
+        """Return `state`, of which this is the older name."""
         return self.state()
 
     def info(self) -> dict[str, Any]:
-        """Arm, calibration, units, payload layout."""
+        """Return arm, calibration, units and payload layout."""
         return self._ask(keys.INFO)
 
     def calibration_file(self) -> str | None:
-        """The calibration file in use, byte for byte; None without one.
+        """Return the active calibration file, byte for byte; None without one.
 
         Raises `ArmdError` for an answer that is no calibration.
         """
@@ -156,8 +159,10 @@ class Arm(Closing):
         return data.decode()
 
     def past(self, what: str) -> list[dict[str, Any]]:
-        """What the daemon still has, the oldest first: the last thousand; *what* is "measurement"
-        or "event"."""
+        """Return the messages that the daemon still has: at most a thousand, the oldest first.
+
+        *what* is "measurement" or "event".
+        """
         if what not in (keys.MEASUREMENT, keys.EVENT):
             expected = f"{keys.MEASUREMENT!r} or {keys.EVENT!r}"
             raise ArmdError(f"past: found {what!r}, expected {expected}")
@@ -170,8 +175,11 @@ class Arm(Closing):
         return [message for message in messages if message is not None]
 
     def preamble(self) -> tuple[int, list[bytes]]:
-        """For a recorder of raw frames: the number of the next one, and the frames, as published,
-        that a decoder must be fed before it."""
+        """Return the start of a recording of raw frames.
+
+        It is the number of the next frame, and the frames, as published, that a decoder needs
+        before it.
+        """
         reply = self._ask(keys.RAW)
         try:
             return int(reply["next"]), [base64.b64decode(frame) for frame in reply["frames"]]
@@ -179,10 +187,10 @@ class Arm(Closing):
             raise ArmdError(f"{keys.RAW}: the answer is none of armd's: {error!r}") from error
 
     def command(self, name: str, /, **parameters: str) -> str:
-        """`command("reload")`, `command("tip", name="ruby 3")`; returns what was done.
+        """Send a command, as `command("reload")` or `command("tip", name="ruby 3")`.
 
-        Raises `ArmdError` if the daemon refuses it, or does not answer, and for a value with a
-        semicolon, which Zenoh cannot carry.
+        Returns the daemon's description of its action. Raises `ArmdError` if the daemon refuses it,
+        or does not answer, and for a value with a semicolon, which Zenoh cannot carry.
         """
         for key, value in parameters.items():
             if ";" in value:
@@ -191,15 +199,19 @@ class Arm(Closing):
         return str(self._ask(f"{keys.COMMAND}/{name}", selector).get("done", ""))
 
     def stream(self, what: str, waiting: int | None = None) -> Stream:
-        """A subscription to poll, for a program with a loop of its own; *waiting* is how many may
-        wait to be taken (1: only the newest is of interest), of events and measurements all do."""
+        """Return a subscription to poll, for a program with its own loop.
+
+        *waiting*: how many payloads may wait (1: only the newest is of interest); of events and
+        measurements all wait.
+        """
         return Stream(self._session, self.serial, what, self._gate, waiting)
 
     @contextmanager
     def calling(self, what: str, callback: Callable[[bytes], None]) -> Iterator[None]:
-        """Within this `with`, *callback* gets each payload as it arrives, in Zenoh's thread: for
-        programs to which a fraction of a millisecond matters. It must be quick, must not call
-        Zenoh, and must not be the reason that the `with` is never left.
+        """Call *callback* with each payload on its arrival, within this `with`.
+
+        It runs in Zenoh's thread, for programs to which a fraction of a millisecond matters. It
+        must be quick, must not call Zenoh, and must not prevent the end of the `with`.
         """
 
         def pass_on(sample: zenoh.Sample) -> None:
@@ -213,7 +225,9 @@ class Arm(Closing):
             yield
 
     def decode(self, payloads: list[bytes]) -> npt.NDArray[np.void]:
-        """The next points of the stream, (n,) of `armd.POINT`; counts those lost before them."""
+        """Return the next points of the stream, (n,) of `armd.POINT`; counts those lost before
+        them.
+        """
         points = np.frombuffer(b"".join(payloads), POINT)
         self.lost.count(points)
         return points
@@ -229,7 +243,7 @@ class Arm(Closing):
         return self._checked(topic_key, self._ask_bytes(topic_key, parameters))
 
     def _checked(self, topic_key: str, payload: bytes) -> dict[str, Any]:
-        """The content of an answer; raises `ArmdError` where it has not the form of its key."""
+        """Return the content of an answer; raises `ArmdError` if it lacks the form of its key."""
         content = parse_object(topic_key, payload)
         if content is None:
             key = keys.key(self.serial, topic_key)
@@ -250,11 +264,12 @@ class Arm(Closing):
 
 
 def connect(serial: str | None = None, endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> Arm:
-    """Connect to a daemon; *serial* None takes the one arm that is there.
+    """Connect to a daemon; *serial* None takes the only arm.
 
     *endpoint* may be a Zenoh configuration file instead (`*.json5`): for certificates and users.
-    Raises `NoAnswer` if no arm (or none of that serial number) shows up in *timeout_s*, `ArmdError`
-    if there are several and none was named, `BadInput` for a configuration that cannot be read.
+    Raises `NoAnswer` if no arm (or none of that serial number) appears within *timeout_s*,
+    `ArmdError` if there are several and none was named, `BadInput` for a configuration that cannot
+    be read.
     """
     session = open_session(endpoint, timeout_s)
     try:

@@ -1,4 +1,4 @@
-"""`with`, for what has a `close`."""
+"""Context managers of objects with a `close`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Self
 
 
 class Closing:
-    """`with`, for what has a `close`."""
+    """Base of objects with a `close`: `with` closes them."""
 
     def close(self) -> None:
         raise NotImplementedError

@@ -7,15 +7,15 @@ MEASUREMENT = "measurement"
 EVENT = "event"
 HEALTH = "health"
 INFO = "info"
-#: The calibration file, byte for byte: apart from the info, so that a small client can read that.
+#: The calibration file, byte for byte; not in the info, so that small clients can read the info.
 CALIBRATION = "info/calibration"
 JOINTS = "joints"
 COMMAND = "command"
 ALIVE = "alive"
-#: Bytes as they crossed the wire, for recorders. A chunk that starts with @ is not matched by
-#: wildcards, so that a subscriber to `armd/<serial>/**` does not pay for it unasked.
+#: Bytes on the wire, for recorders. Wildcards do not match a chunk that starts with @, so a
+#: subscriber to `armd/<serial>/**` does not receive them.
 RAW = "@raw"
-#: By which the daemons of one serial number notice each other.
+#: By this key, the daemons of one serial number detect each other.
 DAEMON = "@daemon"
 
 #: Characters with a meaning in Zenoh keys; a serial number with one of them cannot be published.
@@ -23,5 +23,5 @@ FORBIDDEN = frozenset("/*$#?@")
 
 
 def key(serial: str, what: str) -> str:
-    """The key of one arm's stream, e.g. `key("SIM-0001", POINT)`; "*" as serial matches all."""
+    """Return the key of one arm's stream, e.g. `key("SIM-0001", POINT)`; serial "*" matches all."""
     return f"armd/{serial}/{what}"

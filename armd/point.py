@@ -1,4 +1,4 @@
-"""The point a subscriber receives: `armd.point.v1`, 136 bytes, little-endian, no padding."""
+"""The point that a subscriber receives: `armd.point.v1`, 136 bytes, little-endian, no padding."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ FlagSeverity = Literal["info", "warning", "error"]
 
 
 class Flag(IntFlag):
-    """Why a point deserves caution; bit numbers are part of the wire contract.
+    """A warning about a point; bit numbers are part of the wire contract.
 
-    A row is all that is known of a flag: bit, origin, severity, quality, title, meaning. A sum of
+    A row defines everything about a flag: bit, origin, severity, quality, title, meaning. A sum of
     flags is a `Flag` without these attributes.
     """
 
@@ -128,7 +128,7 @@ class Point(NamedTuple):
 
     @classmethod
     def from_array(cls, points: npt.NDArray[np.void]) -> list[Point]:
-        """One `Point` for each row of an array of `POINT`."""
+        """Return one `Point` for each row of an array of `POINT`."""
         columns: dict[str, Iterable[Any]] = {name: points[name].tolist() for name in cls._fields}
         columns["flags"] = map(Flag, columns["flags"])
         for name in ("position_mm", "orientation", "covariance_mm2", "correction_mm"):
@@ -138,7 +138,7 @@ class Point(NamedTuple):
 
 @dataclass
 class Lost:
-    """Points missing from a stream, by where they went."""
+    """The number of points missing from a stream, by where they were lost."""
 
     upstream: int = 0
     """Never reached the daemon; flag SAMPLES_LOST tells of them."""
@@ -153,11 +153,11 @@ class Lost:
         return self.upstream + self.here
 
     def begin(self) -> None:
-        """The next point begins a stream anew: what lies between was not asked for."""
+        """Begin a new stream with the next point: earlier points do not count as lost."""
         self._last_seq = None
 
     def count(self, points: npt.NDArray[np.void]) -> None:
-        """Follow the next points (n,) of the stream by their `seq`."""
+        """Count the points that are missing before or among the next ones (n,), by their `seq`."""
         if not len(points):
             return
         seq = points["seq"].astype(np.int64)

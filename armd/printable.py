@@ -1,29 +1,32 @@
-"""Text from devices and networks, made fit for a person's terminal."""
+"""Makes text from devices and networks safe to print on a terminal."""
 
 from __future__ import annotations
 
 import unicodedata
 
-#: Control characters, those that turn the writing direction, and halves of characters.
+#: Control characters, marks of writing direction, and lone surrogates.
 _CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
 def to_printable(text: object) -> str:
-    """*text* on one line, without anything that a terminal obeys: `\\x1b[2J` is shown, not done."""
+    r"""Return *text* on one line, with control characters escaped: `\x1b[2J` is shown."""
     content = str(text)
     if content.isprintable():
         return content
     return "".join(_escape_letter(letter) for letter in content)
 
 
-#: What turns the direction of the writing round, beside single marks within a word.
+#: Marks that change the writing direction, other than single marks within a word.
 _TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 _LINES = frozenset("\n\r\t")
 
 
 def escape_invisible(text: str) -> str:
-    """The first character, as an escape, that a terminal obeys or that turns the writing round; or
-    nothing. Lines and tabs are none, nor marks that words of some languages have."""
+    """Return the first unsafe character of *text*, escaped; empty if there is none.
+
+    Unsafe are control characters and marks of writing direction. Safe are line ends and tabs, and
+    marks that words of some languages need.
+    """
     if text.isprintable():
         return ""
     for letter in text:

@@ -1,9 +1,9 @@
-"""FormCheck what a subscriber receives: well-formed, and from the publisher that it met first.
+"""Checks received messages: well-formed, and from the publisher that was received first.
 
-Whoever reaches the network, or a daemon configured to let others speak, can put anything on an
-arm's keys. This is the one door for all of it: a payload of the wrong form is dropped and counted,
-never passed on, so that no bridge and no client meets it. This is no proof of origin; certificates
-are (docs/how-to/secure.md).
+Everybody on the network, or a daemon configured to let others publish, can send anything on an
+arm's keys. All messages pass through this module. A payload of the wrong form is dropped and
+counted, so that no bridge and no client gets it. This is no proof of origin; certificates are
+(docs/how-to/secure.md).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from armd import keys
 from armd.joints import joints_dtype
 from armd.point import POINT
 
-#: Another publisher of the same arm is followed only after this silence: health comes each second.
+#: Another publisher of the same arm is accepted only after this silence: health comes each second.
 KEPT_S = 1.5
 MOST_JSON_BYTES = 1 << 20
 #: The largest calibration file that a daemon reads.
@@ -29,9 +29,9 @@ MOST_CALIBRATION_BYTES = 8 << 20
 #: A raw frame's header.
 LEAST_RAW_BYTES = 26
 MOST_JOINTS = 20
-#: No arm reaches further, and no text of a number is longer.
+#: Limits of a position, which no arm exceeds …
 MOST_MM = 1e6
-#: Components of a unit vector or quaternion, rounding included.
+#: … of components of a unit vector or quaternion, with rounding, and of a number's digits.
 MOST_UNIT = 1.001
 MOST_DIGITS = 20
 
@@ -62,7 +62,7 @@ def _is_vector(n: int, limit: float = math.inf) -> FormCheck:
 
 
 def _is_covariance(value: Any) -> bool:
-    """xx xy xz yy yz zz, of which no variance is negative."""
+    """Return whether it is xx xy xz yy yz zz without a negative variance."""
     return bool(_is_vector(6, MOST_MM**2)(value)) and min(value[0], value[3], value[5]) >= 0.0
 
 
@@ -75,7 +75,7 @@ def _is_list(check: FormCheck) -> FormCheck:
 
 
 def _is_table(check: FormCheck) -> FormCheck:
-    """An object whose values are all of one form."""
+    """Return a check for an object whose values all have one form."""
     return lambda value: isinstance(value, dict) and all(map(check, value.values()))
 
 
@@ -86,7 +86,7 @@ def _is_optional(check: FormCheck) -> FormCheck:
 def _has(
     required: Mapping[str, FormCheck], optional: Mapping[str, FormCheck] | None = None
 ) -> FormCheck:
-    """An object with these keys and any others."""
+    """Return a check for an object with these keys and any others."""
 
     def check(value: Any) -> bool:
         return (
@@ -109,7 +109,7 @@ _is_count = _is_integer(0, 1 << 63)
 _is_text_or_none = _is_optional(_is_text)
 _is_place = _is_vector(3, MOST_MM)
 _is_tip = _has({"offset_mm": _is_place}, {"radius_mm": _is_optional(_is_number)})
-#: What names an arm and its tips, in its `info` or in a recording of it.
+#: The names of an arm and its tips, in its `info` or in a recording.
 names_arm_and_tips = _has(
     {
         "arm": _has(
@@ -122,7 +122,7 @@ names_arm_and_tips = _has(
     }
 )
 
-#: The form of each message: what every program relies on. Keys and values beside it are free.
+#: The form of each message, on which every program relies. Further keys are permitted.
 FORMS: dict[str, FormCheck] = {
     keys.HEALTH: _has(
         {
@@ -204,7 +204,7 @@ FORMS: dict[str, FormCheck] = {
 
 @dataclass
 class Refused:
-    """Samples passed over, by why."""
+    """The number of ignored samples, by reason."""
 
     malformed: int = 0
     foreign: int = 0
@@ -212,7 +212,7 @@ class Refused:
 
 
 class Gate:
-    """Lets through what an arm's publisher can have sent; one for all streams of an `Arm`."""
+    """Accepts messages that an arm's publisher can have sent; one for all streams of an `Arm`."""
 
     def __init__(self) -> None:
         self.refused = Refused()
@@ -220,12 +220,12 @@ class Gate:
         self._heard_s = 0.0
 
     def payload(self, topic_key: str, sample: zenoh.Sample) -> bytes | None:
-        """The payload of a sample on the key *topic_key*, or None."""
+        """Return the payload of a sample on the key *topic_key*, or None if it is refused."""
         payload = sample.payload.to_bytes()
         if sample.kind != zenoh.SampleKind.PUT or not is_sound(topic_key, payload):
             self.refused.malformed += 1
             return None
-        # The daemon's session stamps all it publishes with its own identity.
+        # The daemon's session stamps every message with its own identity.
         stamp = sample.timestamp
         publisher = None if stamp is None else stamp.get_id()
         now_s = time.monotonic()
@@ -237,10 +237,10 @@ class Gate:
 
 
 def is_sound(topic_key: str, payload: bytes) -> bool:
-    """Whether *payload* has the form of what armd publishes on the key *topic_key*."""
+    """Return whether *payload* has the form of armd's messages on the key *topic_key*."""
     if topic_key == keys.POINT:
         return len(payload) == POINT.itemsize
-    if topic_key == keys.JOINTS:  # as many as it says, and no more than any arm has
+    if topic_key == keys.JOINTS:  # the stated number of joints, within that of any arm
         n = int.from_bytes(payload[16:20], "little")
         return 0 < n <= MOST_JOINTS and len(payload) == joints_dtype(n).itemsize
     if topic_key == keys.RAW:
@@ -249,10 +249,10 @@ def is_sound(topic_key: str, payload: bytes) -> bool:
 
 
 def parse_object(topic_key: str, payload: bytes) -> dict[str, Any] | None:
-    """A message on the key *topic_key*, parsed; None if it is not one of armd's.
+    """Parse a message on the key *topic_key*; None if it is not one of armd's.
 
-    A number that a double cannot hold, NaN, or half a character (a lone surrogate) makes a message
-    malformed: whoever writes it on could not.
+    A number that a double cannot hold, NaN, or a lone surrogate makes a message malformed, because
+    programs could not write it again.
     """
     if len(payload) > (
         MOST_CALIBRATION_BYTES if topic_key == keys.CALIBRATION else MOST_JSON_BYTES
@@ -261,7 +261,7 @@ def parse_object(topic_key: str, payload: bytes) -> dict[str, Any] | None:
     try:
         text = payload.decode("utf-8-sig")
         content = json.loads(text, parse_float=_finite, parse_int=_short, parse_constant=_refuse)
-        if "\\ud" in text or "\\uD" in text:  # may be half a character
+        if "\\ud" in text or "\\uD" in text:  # may be a lone surrogate
             json.dumps(content, ensure_ascii=False).encode()
     except (ValueError, RecursionError):
         return None
@@ -272,7 +272,7 @@ def parse_object(topic_key: str, payload: bytes) -> dict[str, Any] | None:
         return content
     sound = has_form(content)
     if sound and topic_key == keys.MEASUREMENT and content["position_mm"] is not None:
-        sound = content["orientation"] is not None  # a place without one points nowhere
+        sound = content["orientation"] is not None  # a position needs an orientation
     return content if sound else None
 
 

@@ -1,4 +1,4 @@
-"""One subscription to an arm: payloads that wait, and loops that end when the arm is closed."""
+"""One subscription to an arm: waiting payloads, and loops that end when the arm is closed."""
 
 from __future__ import annotations
 
@@ -17,29 +17,32 @@ from armd.errors import Closed
 from armd.received import Gate
 from armd.zenoh_session import convert_errors
 
-#: What waits for a slow reader; beyond that the oldest goes, and points count as lost.
+#: The most messages that wait for a reader; then the oldest are dropped, and points count as lost.
 WAITING_POINTS = 1 << 14
 WAITING_MESSAGES = 1024
 POLL_S = 0.002
 
-#: A daemon that answers does so in a fraction of a millisecond; one that is away delays this long.
+#: A daemon answers in a fraction of a millisecond; an absent one costs this delay.
 SETTLED_S = 1.0
 
 
 class Handle(Closing):
-    """What `Arm.on_measurement` and `Arm.on_event` return: `close()` ends the calls."""
+    """The result of `Arm.on_measurement` and `Arm.on_event`: `close()` ends the calls."""
 
     def __init__(self, close: Callable[[], object]) -> None:
         self._close = close
 
     def close(self) -> None:
-        with suppress(zenoh.ZError):  # the arm was closed before it
+        with suppress(zenoh.ZError):  # the arm was closed first
             self._close()
 
 
 class Stream(Closing):
-    """One subscription. A reader that stands still delays nobody else: what waits too long is
-    dropped here, the oldest first. What *gate* does not let through is passed over."""
+    """One subscription; a reader that is slow delays nobody else.
+
+    Payloads that wait too long are dropped here, the oldest first. Payloads that *gate* refuses are
+    skipped.
+    """
 
     def __init__(
         self,
@@ -50,7 +53,7 @@ class Stream(Closing):
         waiting: int | None = None,
         past: bool = True,
     ) -> None:
-        """*past*: of events and measurements, those that the daemon still has come first."""
+        """Subscribe; *past*: events and measurements that the daemon still has come first."""
         self._key = keys.key(serial, topic_key)
         self._topic_key = topic_key
         self._gate = gate
@@ -64,11 +67,11 @@ class Stream(Closing):
             self._pass_over_leftovers(serial)
 
     def _pass_over_leftovers(self, serial: str) -> None:
-        """Drop what may come of this session's last subscription to the same key.
+        """Drop samples of this session's last subscription to the same key.
 
-        The daemon sends on until it hears that the last one ended, and again once it hears of this
-        one: between the two it sends nothing, and a sample of before would begin a stream with a
-        hole. What the daemon is asked after both, it answers after both.
+        The daemon sends until it learns that the last subscription ended, and again when it learns
+        of this one. It sends nothing between the two, so an earlier sample would begin a stream
+        with a gap. The daemon answers a query only after it has processed both.
         """
         with convert_errors(self._session, self._key):
             for _ in self._session.get(keys.key(serial, keys.HEALTH), timeout=SETTLED_S):
@@ -77,11 +80,11 @@ class Stream(Closing):
                 pass
 
     def close(self) -> None:
-        with suppress(zenoh.ZError):  # the arm was closed before it
+        with suppress(zenoh.ZError):  # the arm was closed first
             self._subscriber.undeclare()
 
     def take(self) -> list[bytes]:
-        """The payloads that wait, maybe none; raises `Closed` once the arm is closed."""
+        """Return the waiting payloads, maybe none; raises `Closed` once the arm is closed."""
         payloads = []
         with convert_errors(self._session, self._key):
             while (sample := self._subscriber.try_recv()) is not None:
@@ -91,7 +94,7 @@ class Stream(Closing):
         return payloads
 
     def follow(self, seconds: float | None) -> Iterator[list[bytes]]:
-        """All that waits, again and again, for ever or for *seconds*; ends with the arm."""
+        """Yield all waiting payloads repeatedly, for ever or for *seconds*; ends with the arm."""
         end_s = math.inf if seconds is None else time.monotonic() + seconds
         with suppress(Closed):
             while seconds is None:
@@ -110,7 +113,7 @@ class Stream(Closing):
 
 
 def subscribe(session: zenoh.Session, key: str, handler: Any, past: bool) -> Any:
-    """A subscription of Zenoh's to *key*; with *past*, what its publisher keeps comes first."""
+    """Subscribe to *key*; with *past*, the messages that its publisher keeps come first."""
     with convert_errors(session, key):
         if not past:
             return session.declare_subscriber(key, handler)

@@ -1,4 +1,4 @@
-"""A Zenoh session with a daemon or a router, and the one arm there."""
+"""A Zenoh session with a daemon or a router, and the search for an arm there."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from armd import keys
 from armd.errors import ArmdError, BadInput, Closed, NoAnswer
 
 ENDPOINT = "tcp/127.0.0.1:7447"
-MOST_RECEIVED_BYTES = 32 << 20  # the answer that holds a calibration file of the largest kind
+MOST_RECEIVED_BYTES = 32 << 20  # the answer with the largest calibration file
 
 _log = logging.getLogger(__name__)
 
 
 def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Session:
-    """A Zenoh session with a daemon or a router, for a program that listens to many arms.
+    """Open a Zenoh session with a daemon or a router, for a program with many arms.
 
-    Raises `ArmdError` if nobody answers there.
+    Raises `ArmdError` if none answers there.
     """
     settings = _settings(endpoint, timeout_s)
     _log.info("connecting to %s", endpoint)
@@ -32,7 +32,7 @@ def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Ses
         session = zenoh.open(settings)
     except zenoh.ZError as error:
         _log.info("Zenoh: %s", error)
-        # Zenoh's own words name files of its sources: nobody's help in a traceback.
+        # Zenoh's own text names files of its sources, which do not help in a traceback.
         raise NoAnswer(
             f"{endpoint}: no daemon answers within {timeout_s:g} s: is it running (armd run"
             " armd.toml), and does it listen there? (armd demo prints its endpoint)"
@@ -43,7 +43,7 @@ def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Ses
 
 @contextmanager
 def convert_errors(session: zenoh.Session, key: str) -> Iterator[None]:
-    """Within this `with`, an error of Zenoh's becomes `Closed`, or an `ArmdError` that names *key*.
+    """Convert an error of Zenoh's to `Closed`, or an `ArmdError` naming *key*, within this `with`.
 
     Zenoh's own text ends with a file of its sources, which is cut off.
     """
@@ -96,7 +96,7 @@ def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:
 
 
 def find_arm(session: zenoh.Session, serial: str | None, endpoint: str, timeout_s: float) -> str:
-    """The serial number of the arm, the only one or the one named; raises `ArmdError`."""
+    """Return the serial number of the only arm, or of the one named; raises `ArmdError`."""
     end_s = time.monotonic() + timeout_s
     while True:
         serials = _serials(session, serial or "*")
@@ -117,7 +117,7 @@ def find_arm(session: zenoh.Session, serial: str | None, endpoint: str, timeout_
 
 
 def _serials(session: zenoh.Session, serial: str) -> set[str]:
-    """Serial numbers of the arms that are there; "*" asks for all."""
+    """Return the serial numbers of the arms that are present; "*" asks for all."""
     key = keys.key(serial, keys.ALIVE)
     with convert_errors(session, key):
         replies = list(session.liveliness().get(key))

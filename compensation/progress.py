@@ -1,4 +1,4 @@
-"""How far long work has come, told to whoever waits for it."""
+"""Types of functions that report the progress of long work."""
 
 from collections.abc import Callable
 

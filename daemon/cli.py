@@ -1,4 +1,4 @@
-"""The command `armd`: reads the command line and runs one command, each a module of its own."""
+"""The command `armd`: reads the command line and runs one command, each in its own module."""
 
 from __future__ import annotations
 
@@ -27,24 +27,26 @@ from armd.terminal.suggest import suggest
 if TYPE_CHECKING:
     from armd.daemon.commands.added import AddedCommand
 
-#: Packages that a controller goes without: what a daemon and its subscribers never need.
+#: Packages that a controller may lack, because a daemon and its subscribers never need them.
 OFFLINE = frozenset({"llvmlite", "matplotlib", "numba", "pyarrow", "scipy", "threadpoolctl"})
-#: Modules of Python that Windows has not: what reads an arm's wires and serves needs them.
+#: Python modules that Windows lacks; code for an arm's wires and for serving needs them.
 POSIX = frozenset({"fcntl", "grp", "pty", "pwd", "resource", "termios", "tty"})
-#: Exit code where nobody reads what is written: that of a program which SIGPIPE has ended.
+#: Exit code when the reader of the output is gone: that of a program ended by SIGPIPE.
 CUT_OFF = 141
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code: 0 done, 1 the answer is no, 2 bad usage or input,
-    70 a fault of armd."""
+    """Run one command and return the exit code.
+
+    It is 0 for done, 1 if the answer is no, 2 for bad usage or input, 70 for a bug of armd.
+    """
     try:
         if argv is None and isinstance(sys.stdout, io.TextIOWrapper):
-            sys.stdout.reconfigure(errors="backslashreplace")  # a terminal that knows no µ
+            sys.stdout.reconfigure(errors="backslashreplace")  # a terminal without µ
         code = _run(list(sys.argv[1:] if argv is None else argv))
         if sys.stdout is not None:
             sys.stdout.flush()
-        if argv is None:  # the process ends: Python need not look first for what could be freed
+        if argv is None:  # the process ends: skip the last garbage collection
             gc.freeze()
         return code
     except ArmdError as error:
@@ -74,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("armd: memory: found none left, expected enough for the input", file=sys.stderr)
         return 2
     except SystemExit as end:
-        if isinstance(end.__context__, BrokenPipeError):  # rich's way to tell of one
+        if isinstance(end.__context__, BrokenPipeError):  # rich reports one so
             return CUT_OFF
         raise
     except KeyboardInterrupt:
@@ -84,30 +86,30 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _get_command(argv: Sequence[str] | None) -> str:
-    """As it was called, for a message."""
+    """Return the command's name as it was called, for a message."""
     words = sys.argv[1:] if argv is None else argv
     return next((word for word in words if word in COMMANDS), "the command")
 
 
 def name_module(name: str) -> str:
-    """Where a command is; one that is a word of Python's own has an underscore after it."""
+    """Return the module of a command; a Python keyword gets an underscore after it."""
     return f"armd.daemon.commands.{FOLDERS[name]}.{name}{'_' * keyword.iskeyword(name)}"
 
 
 def _run(arguments: list[str]) -> int:
     for number, argument in enumerate(arguments, 1):
-        if any("\ud800" <= letter <= "\udfff" for letter in argument):  # bytes of another coding
+        if any("\ud800" <= letter <= "\udfff" for letter in argument):  # bytes of another encoding
             raise BadInput("command line", f"argument {number}", ascii(argument), "UTF-8 text")
     if arguments[:1] == ["help"]:  # armd help, armd help check
         arguments = [*arguments[1:2], "--help"]
-    if arguments[:1] == ["simulate"]:  # a program of its own, options and help included
+    if arguments[:1] == ["simulate"]:  # a separate program with its own options and help
         from armd.daemon.commands.service import simulate
 
         simulate.replace_process(arguments[1:])
     chosen = next((word for word in arguments if not word.startswith("-")), None)
     if chosen == "run" and hasattr(
         signal, "SIGHUP"
-    ):  # before anything is read, a reload has nothing to do
+    ):  # nothing is read yet, so a reload has nothing to do
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     added = _added(chosen, arguments)
     if chosen is not None and chosen not in COMMANDS and chosen not in added:
@@ -118,9 +120,9 @@ def _run(arguments: list[str]) -> int:
 
 
 def _added(chosen: str | None, arguments: Collection[str]) -> Mapping[str, AddedCommand]:
-    """Commands of other packages: the one that is chosen, or all that `armd --help` lists.
+    """Return commands of other packages: the chosen one, or all for `armd --help`.
 
-    armd's own commands do not pay for the search.
+    armd's own commands skip the search, which takes time.
     """
     if chosen in COMMANDS or {*arguments} & {"-V", "--version"}:
         return {}
@@ -151,8 +153,11 @@ def _run_chosen(chosen: str | None, arguments: list[str], added: Mapping[str, Ad
 
 @contextmanager
 def _let_interrupts_end() -> Iterator[None]:
-    """While packages are imported, Ctrl-C ends the process unless it is ignored: nothing is
-    written yet, and a package that catches every exception would swallow a KeyboardInterrupt."""
+    """Let Ctrl-C end the process while packages are imported, unless it is ignored.
+
+    Nothing is written yet, and a package that catches every exception would swallow a
+    KeyboardInterrupt.
+    """
     is_main = threading.current_thread() is threading.main_thread()
     if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
@@ -177,8 +182,10 @@ def _run_command(
 
 
 def find_installed() -> set[str]:
-    """Names of the commands of this program whose packages are here; on a controller some are
-    not. Raises `ModuleNotFoundError` for a package that every installation has."""
+    """Return the names of the commands whose packages are installed.
+
+    A controller lacks some. Raises `ModuleNotFoundError` for a package that every installation has.
+    """
     names = set()
     for name in COMMANDS.keys() - {"simulate"}:  # a program of its own
         try:
@@ -194,8 +201,10 @@ def find_installed() -> set[str]:
 def make_parsers(
     detailed: Collection[str], added: Mapping[str, AddedCommand] | None = None
 ) -> tuple[Parser, dict[str, Parser]]:
-    """The parser of `armd`, and those of its commands and the *added* by name. Those in *detailed*
-    have all their options, the others only their line in `armd --help`."""
+    """Return the parser of `armd`, and those of its commands and the *added* by name.
+
+    Those in *detailed* have all their options, the others only their line in `armd --help`.
+    """
     added = added or {}
     parser = AllCommands(
         prog="armd",
@@ -234,7 +243,7 @@ class AllCommands(Parser):
     """Commands of other packages, and what each does."""
 
     def format_help(self) -> str:
-        """As argparse does, but for the commands: it knows no groups of them."""
+        """Format the help as argparse does, with the commands in groups."""
         options = "  -h, --help     show this help\n  -V, --version  show the version"
         parts = [
             "usage: armd [-h] [-V] COMMAND ...",
@@ -247,7 +256,7 @@ class AllCommands(Parser):
 
 
 def _exemplify(command: Parser, examples: Sequence[str]) -> None:
-    """Give it, and those below it, the first of the examples that is one of theirs."""
+    """Give a parser, and those below it, the first example that begins with its name."""
     matching = [example for example in examples if example.startswith(f"{command.prog} ")]
     command.example = matching[0] if matching else ""
     for below in command.subcommands.values():

@@ -32,7 +32,7 @@ from armd.files.schema import Strict, decode_toml, validate
 if TYPE_CHECKING:
     from armd.drivers.plugin import DriverPlugin
 
-#: The live path's: compiled ahead for so many, and tested with them.
+#: Limit of the live path, which is compiled ahead for and tested with so many joints.
 MOST_LIVE_JOINTS = 9
 
 Seconds = Annotated[float, Field(gt=0, le=3600)]
@@ -40,7 +40,7 @@ Endpoint = Annotated[str, Field(pattern=r"^[a-z0-9-]+/.+$", description="e.g. tc
 
 
 class Zenoh(Strict):
-    """How points leave the process. Nothing listens beyond loopback unless named here."""
+    """The settings of Zenoh; it listens only on loopback unless other endpoints are named here."""
 
     mode: Literal["peer", "client", "router"] = "peer"
     listen: list[Endpoint] = ["tcp/127.0.0.1:7447"]
@@ -50,18 +50,18 @@ class Zenoh(Strict):
 
 
 class Limits(Strict):
-    """When a point is flagged or withheld."""
+    """Limits beyond which a point is flagged or withheld."""
 
     #: A temperature older than this makes points invalid; until then the last value is held.
     temperature_hold_s: Seconds = 30.0
     #: Flag 3 above this rate, if the calibration does not state a lower one.
     temperature_rate_k_per_h: Annotated[float, Field(gt=0)] = 60.0
-    #: A reload or a tip change that moves the tip's offset further than this is warned of.
+    #: A reload or a tip change that moves the tip's offset further than this gives a warning.
     tip_offset_mm: Annotated[float, Field(gt=0)] = 0.1
 
 
 class Health(Strict):
-    """When the state is not READY."""
+    """Conditions under which the state is not READY."""
 
     #: WARMING while a sensor in use drifts faster than this.
     steady_k_per_h: Annotated[float, Field(gt=0)] = 6.0
@@ -70,7 +70,7 @@ class Health(Strict):
 
 
 class Interim(Strict):
-    """Which history of interim checks tells whether the arm is still what it was."""
+    """The history of interim checks that shows whether the arm is unchanged."""
 
     #: The folder of `armd interim add --history`, relative to this file.
     history: str
@@ -79,7 +79,7 @@ class Interim(Strict):
 
 
 class Averaging(Strict):
-    """When and over how long a measurement is averaged."""
+    """The trigger of a measurement, and the time over which it is averaged."""
 
     #: A button press always takes a measurement; "rest" takes one at each rest as well.
     trigger: Literal["button", "rest"] = "button"
@@ -90,7 +90,7 @@ class Averaging(Strict):
 
 
 class Commands(Strict):
-    """Whether `armd/<serial>/command/…` is obeyed."""
+    """Whether commands on `armd/<serial>/command/…` are carried out."""
 
     enabled: bool = False
 
@@ -105,7 +105,7 @@ class Tip(Strict):
     """A tip that can be selected while running."""
 
     offset_mm: Offset
-    #: Of its ball; without it arm.toml's.
+    #: Radius of its ball; without it arm.toml's.
     radius_mm: Annotated[float, Field(ge=0)] | None = None
 
 
@@ -135,7 +135,7 @@ class Config:
     arm: Arm
 
     def resolve_path(self, name: str) -> Path:
-        """A path of the file, taken relative to the file."""
+        """Return a path named in the file, relative to the file's folder."""
         return self.path.parent / name
 
     @property
@@ -151,7 +151,7 @@ class Config:
 
     @property
     def expectation(self) -> Expectation:
-        """What the arm on the wire must say of itself."""
+        """The properties that the arm on the wire must report."""
         return Expectation(
             self.arm.serial_number,
             self.arm.n_joints,
@@ -161,7 +161,10 @@ class Config:
 
 
 def load_config(path: str | Path) -> Config:
-    """Read armd.toml and its arm.toml; raises `BadInput` naming file, key, found and expected."""
+    """Read armd.toml and its arm.toml.
+
+    Raises `BadInput`, which names file, key, the value found and the expected one.
+    """
     data = decode_toml(path, read_input(path, MOST_TOML_BYTES))
     model = _choose_model(path, data)
     try:
@@ -202,7 +205,10 @@ def load_config(path: str | Path) -> Config:
 
 
 def _choose_model(path: str | Path, data: dict[str, Any]) -> type[DaemonFile]:
-    """The model of armd.toml; for a `kind` of another package, with that package's keys."""
+    """Return the model of armd.toml; a `kind` of another package adds its keys.
+
+    Raises `BadInput` for an unknown kind where other packages offer kinds.
+    """
     driver = data.get("driver")
     kind = driver.get("kind") if isinstance(driver, dict) else None
     if not isinstance(kind, str) or kind in DRIVERS:
@@ -219,7 +225,7 @@ def _choose_model(path: str | Path, data: dict[str, Any]) -> type[DaemonFile]:
 
 
 def _check_nodes(path: str | Path, driver: CanConfig, arm_path: Path, arm: Arm) -> None:
-    """Whether there are nodes enough on a bus for the arm; raises `BadInput`."""
+    """Check that a bus has enough nodes for the arm; raises `BadInput`."""
     numbers = driver.encoder_serial_numbers
     if numbers is not None and len(numbers) != arm.n_joints:
         problem, expected = f"{len(numbers)} numbers", f"{arm.n_joints}, one for each joint"
@@ -231,7 +237,7 @@ def _check_nodes(path: str | Path, driver: CanConfig, arm_path: Path, arm: Arm) 
 
 
 def _check_servos(path: str | Path, driver: ServoConfig, arm_path: Path, arm: Arm) -> None:
-    """Whether the servos named are those of the arm; raises `BadInput`."""
+    """Check that the named servos match the arm; raises `BadInput`."""
     if len(driver.ids) != arm.n_joints:
         problem, expected = f"{len(driver.ids)} servos", f"{arm.n_joints}, one for each joint"
         raise BadInput(path, "driver.ids", problem, expected)

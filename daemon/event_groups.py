@@ -1,4 +1,4 @@
-"""A flood of events of one kind as a few: the first of them, then how many more there were."""
+"""Group a flood of events of one kind: the first ones, then the number of further ones."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 from armd.drivers.sample import Event
 
-#: So many of a kind at once are told one by one, and so many a second for ever.
+#: Events of a kind that are passed singly: so many at once, and so many a second permanently.
 BURST, PER_SECOND = 20.0, 0.25
-#: How often the rest is summed up: at first, and at the most seldom.
+#: Period of the summaries: at first, and at most.
 FIRST_NS, SELDOM_NS = 10_000_000_000, 60_000_000_000
-#: With no more in such a while the flood is over.
+#: A flood ends after a period with no more events than this.
 CALM = 2
-#: Each of these is told: what a person does, and what follows from all others.
+#: Kinds that are always passed: a person's actions, and the state, which follows from all others.
 NEVER_GROUPED = frozenset({"button", "state"})
 
 
@@ -25,14 +25,17 @@ class _Flood:
 
 
 class EventGroups:
-    """Of one daemon. `pass_on` each event; `due` on a tick."""
+    """The event groups of one daemon.
+
+    Call `pass_on` for each event, and `take_due_events` on a tick.
+    """
 
     def __init__(self) -> None:
-        self._allowed: dict[str, tuple[float, int]] = {}  # by kind: events, as of an instant
+        self._allowed: dict[str, tuple[float, int]] = {}  # kind → allowed events, at an instant
         self._floods: dict[str, _Flood] = {}
 
     def pass_on(self, event: Event, now_ns: int) -> bool:
-        """Whether *event* is to be told by itself; else `due` sums it up later."""
+        """Return whether *event* is reported singly; else a later summary counts it."""
         kind = event.kind
         if kind in NEVER_GROUPED:
             return True
@@ -49,7 +52,7 @@ class EventGroups:
         return False
 
     def take_due_events(self, now_ns: int) -> list[Event]:
-        """What floods amount to, each now and then."""
+        """Return the summaries of floods that are due."""
         events = []
         for kind, flood in list(self._floods.items()):
             waited_ns = now_ns - flood.since_ns

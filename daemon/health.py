@@ -1,4 +1,4 @@
-"""What happened during the last second and since the start, as the health key tells it."""
+"""Statistics of the last second and since the start, for the health key."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from armd.drivers.sample import SampleArray
 
 @dataclass(frozen=True)
 class Second:
-    """About a second of the stream, summed up."""
+    """The statistics of about a second of the stream."""
 
     seconds: float = 0.0
     points: int = 0
@@ -34,9 +34,9 @@ class Second:
 
 
 class Tally:
-    """Keeps batches as they pass, counts them now and then, and sums up when the second is over.
+    """Collects batches, counts them now and then, and sums up a second when it is over.
 
-    At once, a batch of one would cost half as much as its correction.
+    Counting each batch of one sample at once would cost half as much as its correction.
     """
 
     def __init__(self, now_ns: int) -> None:
@@ -54,11 +54,11 @@ class Tally:
         self._latency_ns: list[int] = []
 
     def add(self, points: PointArray, samples: SampleArray, published_ns: int) -> None:
-        """A batch and its samples, put at *published_ns* (CLOCK_MONOTONIC)."""
+        """Add a batch and its samples, put at *published_ns* (CLOCK_MONOTONIC)."""
         self._passed.append((points, samples, published_ns))
 
     def count(self) -> None:
-        """What has passed since the last call."""
+        """Count the batches added since the last call."""
         if not self._passed:
             return
         batches, self._passed = self._passed, []
@@ -74,7 +74,7 @@ class Tally:
         self.latched_ns = latched_ns[-1]
 
     def close_second(self, now_ns: int) -> Second:
-        """Sum up what came since the last call."""
+        """Sum up the batches since the last call."""
         self.count()
         seconds = (now_ns - self._since_ns) * 1e-9
         self._since_ns = now_ns
@@ -106,7 +106,7 @@ class Tally:
 
 
 def _join(batches: list[npt.NDArray[np.void]]) -> npt.NDArray[np.void]:
-    """One array of many; numpy's own way takes 8 µs for each array of records."""
+    """Join arrays of records; numpy's own function takes 8 µs for each of them."""
     return np.frombuffer(b"".join([batch.tobytes() for batch in batches]), batches[0].dtype)
 
 
@@ -120,5 +120,5 @@ def _count(points: Any, samples: Any, by_bit: Any, joints: Any) -> None:
 
 
 def _number_joints(bits: int) -> tuple[int, ...]:
-    """Of the joints whose bit stands."""
+    """Return the numbers of the joints whose bit is set."""
     return tuple(k for k in range(1, 17) if bits >> (k - 1) & 1)

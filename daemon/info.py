@@ -1,4 +1,4 @@
-"""The content of the info key: arm, calibration, units, and how to read a point."""
+"""The content of the info key: arm, calibration, units, and the layout of a point."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def describe(
     tip: str | None,
     tips: Mapping[str, Tip],
 ) -> dict[str, Any]:
-    """Plain JSON data; *tips* are those to choose from, of which *tip* is in use."""
+    """Return plain JSON data; *tip* is in use, *tips* are the available ones."""
     configuration = config.file.model_copy(update={"tips": dict(tips)})
     joints = joints_dtype(config.arm.n_joints)
     return {
@@ -55,12 +55,12 @@ def describe(
 
 
 def get_calibration_text(calibration: LoadedCalibration | None) -> str:
-    """The calibration file as it was loaded; null without one."""
+    """Return the calibration file as it was loaded; null without one."""
     return "null" if calibration is None else calibration.data.decode()
 
 
 def describe_calibration(calibration: LoadedCalibration) -> dict[str, Any]:
-    """Which calibration it is, where it holds, where it comes from; not its numbers."""
+    """Describe a calibration without its numbers: identity, validity, provenance."""
     content = calibration.content
     return {
         "file": calibration.path.name,
@@ -74,7 +74,7 @@ def describe_calibration(calibration: LoadedCalibration) -> dict[str, Any]:
 
 
 def _describe_layout(message: np.dtype[np.void]) -> list[dict[str, Any]]:
-    """Its fields, in order."""
+    """Return the fields of a record, in order."""
     fields = []
     for name, (dtype, offset, *_) in (message.fields or {}).items():
         base, shape = dtype.subdtype or (dtype, ())

@@ -1,8 +1,8 @@
-"""What the history of interim checks says of this arm, watched beside the stream.
+"""Watch the history of interim checks of this arm, in a thread beside the stream.
 
-`armd interim add` leaves its result in the history's folder. A thread reads it now and then: the
-folder may lie on a disk that is asleep, or on another machine. The result is of the history beside
-it: where that was edited or cut short, it says nothing any more.
+`armd interim add` leaves its result in the history's folder. A thread reads it now and then,
+because the folder may be on a sleeping disk or on another machine. The result describes the history
+beside it: if that was edited or cut short, the result is invalid.
 """
 
 from __future__ import annotations
@@ -25,31 +25,33 @@ from armd.compensation.interim.checks.chain import (
 from armd.files.inputs import read_input
 from armd.files.schema import load_json_data
 
-#: How often the folder is looked at, s.
+#: Period in s after which the folder is read again.
 LOOK_S = 5.0
 HOUR_S = 3600.0
-#: A check dated farther ahead than this was dated by a clock that is wrong, or ours is.
+#: If a check is dated farther in the future, its clock or ours is wrong.
 CLOCKS_APART_H = 1.0
-#: A history of ten years is a few megabytes.
+#: Limit of a result's file; a history of ten years is a few megabytes.
 MOST_BYTES = 1 << 26
 
 
 @dataclass(frozen=True)
 class LastCheck:
-    """The history's word; what is wrong with the history itself stands in `fault`."""
+    """The result of the history; `fault` describes a fault of the history itself."""
 
     fault: str = ""
     name: str = ""
     started_unix_s: float = 0.0
-    changed: str = ""  # since when and why; "" in control
+    changed: str = ""  # since when and why; "" if the arm is in control
     judged: str = ""  # SHA-256 of the calibration that the checks are of
     changes: int = 0  # since that calibration
     checks: int = 0
 
 
 class WatchedChain:
-    """A history's lines, watched: they only ever become more. A folder with a result and no history
-    (a copy) has none to watch."""
+    """The lines of a history, of which none may change or disappear.
+
+    A folder with a result and without a history (a copy) has nothing to watch.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -57,8 +59,10 @@ class WatchedChain:
         self._checked_chain = self._now = HistoryChain[HistoryLine]()
 
     def fault(self, checks: int) -> str:
-        """What is wrong with the history, of which a result tells *checks*; "" if nothing. Raises
-        `BadInput` where it is broken."""
+        """Return a fault of the history, whose result has *checks* checks, or "".
+
+        Raises `BadInput` where it is broken.
+        """
         stamps = [_get_stamp(self._folder / name) for name in (HISTORY, HEAD)]
         if stamps != self._stamps:
             self._now = read_chain(self._folder)
@@ -76,7 +80,7 @@ class WatchedChain:
 
 
 def _get_stamp(path: Path) -> tuple[int, int, int] | None:
-    """What tells a file from another state of it; None where there is none."""
+    """Return values that change whenever a file changes; None without a file."""
     try:
         status = path.stat()
     except FileNotFoundError:
@@ -85,14 +89,14 @@ def _get_stamp(path: Path) -> tuple[int, int, int] | None:
 
 
 class InterimChecks:
-    """`last` is the history's word as it was read last; None until then."""
+    """Reads the history; `last` is its latest result, None until it is read."""
 
     def __init__(self, folder: Path, serial_number: str) -> None:
-        """*serial_number*: of the arm that the checks must be of."""
+        """Prepare to watch *folder*; its checks must be of the arm *serial_number*."""
         self.folder = folder
         self._serial_number = serial_number
         self.last: LastCheck | None = None
-        self._last_read = LastCheck()  # by the result of this stamp
+        self._last_read = LastCheck()  # from the result with `_stamp`
         self._stamp: tuple[int, int, int] | None = None
         self._chain = WatchedChain(folder)
         self._ended = threading.Event()
@@ -102,7 +106,7 @@ class InterimChecks:
         self._thread.start()
 
     def close(self) -> None:
-        """Look no more; does not wait for a disk."""
+        """Stop watching, without waiting for a disk."""
         self._ended.set()
 
     def _run(self) -> None:
@@ -112,7 +116,7 @@ class InterimChecks:
                 return
 
     def look(self) -> None:
-        """Read the result and the history, where they are others than before."""
+        """Read the result and the history again if they have changed."""
         path = self.folder / REPORT
         try:
             if (stamp := _get_stamp(path)) is None:
@@ -120,25 +124,28 @@ class InterimChecks:
                 return
             if stamp != self._stamp:
                 self._last_read, self._stamp = self._read(path), stamp
-            # After the result, which is never of a check that the history has not yet.
+            # Read the history last: a check is in it before it is in the result.
             path = self.folder / HISTORY
             fault = self._last_read.fault or self._chain.fault(self._last_read.checks)
             self.last = LastCheck(fault=fault) if fault else self._last_read
-        except Exception as error:  # whatever a foreign file holds, the next look comes
+        except Exception as error:  # any content of a file: continue with the next look
             self._stamp = None
             self.last = LastCheck(fault=f"{path} cannot be read: {' '.join(str(error).split())}")
 
     def _read(self, path: Path) -> LastCheck:
         result = load_json_data(path, read_input(path, MOST_BYTES))
         last = parse_result(result)
-        arm = result.get("arm", self._serial_number)  # older results do not tell
+        arm = result.get("arm", self._serial_number)  # older results lack it
         if arm != self._serial_number:
             return LastCheck(fault=f"{path} is of arm {arm}, expected one of {self._serial_number}")
         return last
 
 
 def parse_result(result: dict[str, Any]) -> LastCheck:
-    """What the daemon needs of a result of `armd interim`."""
+    """Return the part of a result of `armd interim` that the daemon needs.
+
+    Raises `ValueError` for another schema.
+    """
     if result["schema"] != "armd.interim/1":
         raise ValueError(f"schema {result['schema']!r}")
     last = result["checks"][-1]
@@ -163,10 +170,10 @@ def explain_complaints(
     now_unix_s: float,
     at_most_h: float | None,
 ) -> tuple[str, str]:
-    """Why the arm is changed, and why its checks are due: in words, "" for what is as it should be.
+    """Return why the arm counts as changed, and why a check is due, each "" if not.
 
-    *in_use*: where the calibration in use comes from, its `provenance`. One that was made from
-    these checks and has their changes is as good as the one before was before them.
+    *in_use* is the `provenance` of the calibration in use. A calibration that was made from these
+    checks and includes their changes does not count as changed.
     """
     if last is None:
         return "", ""

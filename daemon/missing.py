@@ -1,4 +1,4 @@
-"""Packages that are not installed here, and the command that installs them."""
+"""Find packages that are not installed, and the command that installs them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from importlib.util import find_spec
 
 
 def suggest_installation(packages: Collection[str], package: str) -> str:
-    """The command that brings *package*, and what else of *packages* is missing, in versions that
-    armd needs."""
+    """Return the command that installs *package* and other missing ones of *packages*.
+
+    It names the versions that armd needs.
+    """
     missing = sorted(name for name in packages if name == package or find_spec(name) is None)
     versions = {re.split(r"[^\w.-]", text)[0]: text.split(";")[0].strip() for text in _required()}
-    # What no version is known of comes with another: llvmlite with numba.
+    # A package without a known version comes with another one: llvmlite with numba.
     requirements = [versions[name] for name in missing if name in versions] or missing
     return f"{sys.executable} -m pip install {' '.join(map(_quote, requirements))}"
 
@@ -22,7 +24,7 @@ def suggest_installation(packages: Collection[str], package: str) -> str:
 def _required() -> list[str]:
     try:
         return requires("armd") or []
-    except PackageNotFoundError:  # imported from sources
+    except PackageNotFoundError:  # armd is not installed
         return []
 
 

@@ -1,7 +1,7 @@
 """The daemon: one arm, one thread, from bytes to points.
 
-Read, correct, flag, publish; everything else (questions, health, the watchdog) happens on a tick
-between two reads.
+It reads, corrects, flags and publishes. Everything else (queries, health, the watchdog) happens on
+a tick between two reads.
 """
 
 from __future__ import annotations
@@ -38,23 +38,26 @@ from armd.drivers.sample import Driver, Event, SampleArray, Temperatures
 from armd.errors import ArmdError
 
 READ_S = 0.05
-#: Above this rate samples are gathered for a moment: waking up costs more than a sample does, and
-#: ten at a time cost a fifth of ten single ones.
+#: Above this rate samples are gathered for a moment: waking up costs more than a sample, and ten
+#: together cost a fifth of ten single ones.
 FAST_HZ = 2000.0
 GATHER_S = 0.002
 TICK_NS = 50_000_000
-#: A tick takes as long as this. Right behind a sample it kept the point from leaving: one in fifty
-#: came 0.2 ms later, which was the live path's p99. From 0.15 to 0.3 ms it makes no difference;
-#: with 0.6 ms it is the next sample, at 1 kHz, that waits.
+#: Pause before a tick, about as long as a tick. A tick directly after a sample delayed sending its
+#: point: one in fifty came 0.2 ms later, which was the live path's p99. Values from 0.15 to 0.3 ms
+#: are equivalent; with 0.6 ms the next sample waits, at 1 kHz.
 SENDING_S = 0.00025
 
 
 class ForeignArm(ArmdError):
-    """Another arm than arm.toml's is connected, and the configuration says to stop then."""
+    """The error for another arm than arm.toml's, where the configuration says to stop then."""
 
 
 class Service:
-    """Runs from construction to `close`; `stop` and `reload` may be called by a signal handler."""
+    """The daemon's service, from construction to `close`.
+
+    A signal handler may call `stop` and `ask_reload`.
+    """
 
     def __init__(
         self, config: Config, driver: Driver, session: zenoh.Session, arm: ArmInUse
@@ -91,7 +94,7 @@ class Service:
         self._averager = Averager(config.file.measurement.average_s, config.arm.n_joints)
         self._at_rests = config.file.measurement.trigger == "rest"
         self._log = Journal()
-        # What is played again was logged when it was measured.
+        # A replayed measurement was logged when it was measured.
         logged = config.file.measurement.log and config.driver.kind != "replay"
         self._measured = MeasurementLog(locate_log_folder(serial)) if logged else None
         self._systemd = Systemd()
@@ -113,11 +116,11 @@ class Service:
         self._reload_asked = True
 
     def health(self) -> dict[str, Any]:
-        """The health message last published."""
+        """Return the last published health message."""
         return self._publisher.health
 
     def run(self) -> None:
-        """Until `stop`; raises `ForeignArm` if the configuration says so."""
+        """Publish until `stop`; raises `ForeignArm` if the configuration says so."""
         self._systemd.ready()
         if root.is_root():
             self._tell_now("runs_as_root", root.WARNING, "warning")
@@ -211,7 +214,7 @@ class Service:
             raise ForeignArm(event.text)
 
     def _tell(self, event: Event) -> None:
-        """Publish and log something a person wants explained; of a flood, that it is one."""
+        """Publish and log an event for people; a flood of events is grouped."""
         if self._groups.pass_on(event, time.monotonic_ns()):
             self._tell_each(event)
 
@@ -238,7 +241,7 @@ class Service:
             if self._reload_asked:
                 self._reload_asked = False
                 self._systemd.reloading()
-                self._changes.reload(lambda *_: self._systemd.ready())  # it is told as an event
+                self._changes.reload(lambda *_: self._systemd.ready())  # an event reports it
             self._changes.take()
         with survive("events"):
             self._tell_new(now_ns)
@@ -248,7 +251,7 @@ class Service:
                 self._sender_settled = self._sender_settled or raise_sender_priority()
                 self._publisher.put_health(self._supervisor.health(now_ns))
                 self._systemd.status(f"{self._supervisor.state}: {self._supervisor.reason}")
-        # This thread runs, and the supervisor has a reason for every silence.
+        # The watchdog only checks this thread; the supervisor explains a silence of the arm.
         self._systemd.feed_watchdog(now_ns * 1e-9)
 
     def _tell_new(self, now_ns: int) -> None:

@@ -1,6 +1,6 @@
 """Check that the commands of this installation start: `python -I -m armd.daemon.start_check`.
 
-Those that a controller has must all be here; of the others, those whose packages are installed.
+All commands of a controller must start; of the others, those whose packages are installed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ OTHERS = (
 
 
 def find_faults() -> dict[str, str]:
-    """The commands that do not start, and why."""
+    """Return the commands that do not start, and why."""
     faults = {}
     for name in (*CONTROLLER, *OTHERS):
         try:
@@ -36,7 +36,7 @@ def find_faults() -> dict[str, str]:
 
 
 def main() -> int:
-    """2 where a command does not start."""
+    """Check all commands; return 2 where one does not start, else 0."""
     faults = find_faults()
     for name, fault in faults.items():
         print(f"armd: {name}: found {fault}, expected a command that starts", file=sys.stderr)

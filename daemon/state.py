@@ -1,4 +1,4 @@
-"""In one word and one sentence: can a person measure with this arm now?"""
+"""The state of the arm and its reason: whether a person can measure with it now."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from armd import Flag
 
 #: Without a sample for this long the arm is not ready.
 SILENCE_S = 0.5
-#: Points that come later than this are no live measurement.
+#: Points that come later than this do not count as live.
 LATE_S = 0.25
 
-# Bits as plain integers: 20 times a second an operation of `Flag` is worth avoiding, at 2 µs.
+# Bits as plain integers: an operation of `Flag` takes 2 µs, and this runs 20 times a second.
 CLOCK = int(Flag.CLOCK)
 TEMPERATURE_RATE = int(Flag.TEMPERATURE_RATE)
 NOT_CALIBRATED = int(Flag.NOT_CALIBRATED)
@@ -32,11 +32,11 @@ class State(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """What the daemon saw of the arm during the last second."""
+    """The daemon's observation of the arm during the last second."""
 
     silent_s: float | None  # since the last sample; None: none yet
     trouble: str = ""  # the driver's own explanation of a silence: unplugged, a foreign arm, …
-    hindrance: str = ""  # what the arm says of itself that keeps a person from measuring
+    hindrance: str = ""  # a fault of the arm that prevents measuring
     points: int = 0
     flags: int = 0  # any of them, bits of `Flag`
     invalid: int = 0  # points
@@ -45,15 +45,15 @@ class Observation:
     warning_joints: tuple[int, ...] = ()
     missing_sensors: tuple[str, ...] = ()
     outside_sensors: tuple[str, ...] = ()
-    late_s: float = 0.0  # from latch to put, half the points
-    changed: str = ""  # why interim checks say that the arm is no longer what it was
+    late_s: float = 0.0  # from latch to put, the median of the points
+    changed: str = ""  # why the arm counts as changed by interim checks
     interim_due: str = ""  # why an interim check is due
-    held_period: str = ""  # the period in which a term was identified that is held now, outside it
-    drift: str = ""  # why the temperatures are not called steady; "" if they are
+    held_period: str = ""  # the period of a term that is held now, outside it
+    drift: str = ""  # why the temperatures are not steady; "" if they are
 
 
 def judge_state(observation: Observation) -> tuple[State, str]:
-    """The state and its reason; the worst reason wins."""
+    """Return the state and its reason; the worst reason wins."""
     if observation.silent_s is None or observation.silent_s > SILENCE_S:
         silent_s = observation.silent_s
         since = "no sample yet" if silent_s is None else f"silent for {silent_s:.1f} s"

@@ -1,4 +1,4 @@
-"""Watches over one arm from second to second: its state, the reason, and its health in numbers."""
+"""Supervise one arm from second to second: its state, the reason, and its health."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from armd.daemon.unexpected import Unexpected
 from armd.drivers.sample import Driver, Event, SampleArray
 
 SECOND_NS = 1_000_000_000
-#: Of a second's points; single losses are flagged and counted, but do not change the state.
+#: Share of a second's points; fewer losses are flagged and counted, but do not change the state.
 LOSSY = 0.01
-#: So long must a sensor have a value before it counts as back, however it flickers.
+#: Time with values after which a sensor counts as back, so that flicker is ignored.
 BACK_AFTER_NS = 500_000_000
 
 
 class Supervisor:
-    """Told of every batch and every event; asked for the state at any time."""
+    """The supervisor, which gets every batch and every event, and knows the state."""
 
     def __init__(
         self, config: Config, driver: Driver, arm: ArmInUse, now_ns: int, unexpected: Unexpected
@@ -36,16 +36,16 @@ class Supervisor:
         self._arm = arm
         self._unexpected = unexpected
         self._started_ns = now_ns
-        self._replays = config.driver.kind == "replay"  # of the past: stamps are the recording's
-        self._came_ns: int | None = None  # when the last sample came, not when it was latched
+        self._replays = config.driver.kind == "replay"  # stamps are the recording's
+        self._came_ns: int | None = None  # arrival of the last sample, not its latch
         self._trouble = ""
         self._tally = Tally(now_ns)
         self._second = Second()
         self._next_second_ns = now_ns + SECOND_NS
         self._stale: tuple[str, ...] = ()  # sensors that are invalid or silent
-        self._reported: dict[str, int] = {}  # those of them with an event, when seen last
+        self._reported: dict[str, int] = {}  # those with an event, and when seen last
         self._stops = EndStopWatch(config.arm)
-        self._changed = self._interim_due = ""  # what the history of interim checks says
+        self._changed = self._interim_due = ""  # from the history of interim checks
         self.interim: InterimChecks | None = None
         if (interim := config.file.interim) is not None:
             self.interim = InterimChecks(
@@ -60,17 +60,17 @@ class Supervisor:
         self._trouble = ""
 
     def note_event(self, event: Event) -> None:
-        """Something the driver tells explains the silence that may follow."""
+        """Store the text of a driver's warning or error, to explain a silence that may follow."""
         if event.severity != "info":
             self._trouble = event.text
 
     @property
     def rate_hz(self) -> float:
-        """Points per second during the last second."""
+        """The points per second during the last second."""
         return self._second.rate_hz
 
     def assess(self, now_ns: int) -> list[Event]:
-        """Renew state and reason; what has changed, told as events."""
+        """Update state and reason, and return the changes as events."""
         before = self.state
         self._tally.count()
         events = [*self._hear_interim(now_ns), *self._hear_sensors(now_ns)]
@@ -82,7 +82,7 @@ class Supervisor:
         return events
 
     def _hear_sensors(self, now_ns: int) -> list[Event]:
-        """Who is without a value now, and who has one again."""
+        """Return events of sensors that lost their value, or have one again."""
         temperature = self._arm.pipeline.temperature
         stale = temperature.stale_sensors(self._tally.latched_ns)
         to_report = temperature.sensors_to_report(self._tally.latched_ns)
@@ -113,7 +113,7 @@ class Supervisor:
         return events
 
     def _hear_interim(self, now_ns: int) -> list[Event]:
-        """What the history of interim checks says now; what is new of it, told as events."""
+        """Read the result of the interim checks, and return changes as events."""
         config = self._config.file.interim
         if self.interim is None or config is None or self._replays:
             return []
@@ -133,7 +133,7 @@ class Supervisor:
         return events
 
     def _interim_health(self) -> dict[str, Any] | None:
-        """The last interim check, for the health key; None where no history is configured."""
+        """Return the last interim check for the health key; None without a history."""
         if self.interim is None:
             return None
         last = self.interim.last
@@ -147,7 +147,7 @@ class Supervisor:
         }
 
     def close_second(self, now_ns: int) -> bool:
-        """Whether a second is over, and its sum renewed."""
+        """Sum up the second if it is over; return whether it is."""
         if now_ns < self._next_second_ns:
             return False
         self._next_second_ns += SECOND_NS
@@ -155,7 +155,7 @@ class Supervisor:
         return True
 
     def health(self, now_ns: int) -> dict[str, Any]:
-        """The content of the health key."""
+        """Return the content of the health key."""
         second = self._second
         temperature = self._arm.pipeline.temperature
         drift = temperature.drift
@@ -211,7 +211,7 @@ class Supervisor:
 
 
 def _format_period(unix_s: tuple[float, float] | None) -> str:
-    """`from 2026-03-01 09:00 to 2026-03-01 17:30 UTC`; "" for none."""
+    """Format a period: `from 2026-03-01 09:00 to 2026-03-01 17:30 UTC`; "" for None."""
     if unix_s is None:
         return ""
     since, until = (datetime.datetime.fromtimestamp(time_s, datetime.UTC) for time_s in unix_s)

@@ -1,4 +1,4 @@
-"""Exceptions that nobody expected, beside the stream: logged, counted, and survived."""
+"""Log, count and survive unexpected exceptions outside the stream."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ EVENTS_KEPT = 16
 
 
 class Unexpected:
-    """Of one daemon; used from any of its threads."""
+    """The unexpected exceptions of one daemon; any of its threads may use it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -26,19 +26,19 @@ class Unexpected:
 
     @contextmanager
     def survive(self, place: str) -> Iterator[None]:
-        """Whatever is raised within ends what is within, and no more."""
+        """Catch and note any exception within this `with`, so that only its body ends."""
         try:
             yield
         except Exception as error:
             self._note(place, error)
 
     def as_json(self) -> dict[str, int]:
-        """How many there were since the start, by where."""
+        """Return the number of exceptions since the start, by place."""
         with self._lock:
             return dict(self._counted)
 
     def take_events(self) -> list[Event]:
-        """What is new: one event for each kind at each place."""
+        """Return the new events: one for each kind of exception at each place."""
         with self._lock:
             events = list(self._events)
             self._events.clear()

@@ -1,1 +1,1 @@
-"""Wire bytes to samples: transports, codecs, one cycle at a time, device clock to host clock."""
+"""Drivers: turn bytes on a wire into samples, and a device's clock into host time."""

@@ -1,5 +1,7 @@
-"""`[driver]` of armd.toml: one model per kind. An unknown key is an error, but for CAN, whose
-further keys are those of python-can's interface."""
+"""The table `[driver]` of armd.toml: one model per kind of driver.
+
+An unknown key is an error, except for CAN, whose further keys are those of python-can's interface.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from armd.drivers.poll.protocol.rates import BAUDS
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 from armd.files.schema import KEY_FAULT, Strict
 
-#: What a UART for which somebody builds an arm keeps to; adapters end at 12 Mbaud.
+#: The range of rates of UARTs that arms use; adapters end at 12 Mbaud.
 LEAST_BAUD, MOST_BAUD = 9_600, 12_000_000
 
 
@@ -31,9 +33,9 @@ def _return_delay(delay_us: int) -> int:
 
 
 Printable = Annotated[str, AfterValidator(_name)]  # of a port, file or adapter
-#: Cycles a second. Between fewer than 5 a line would be silent, and the state not READY.
+#: Cycles a second. At fewer than 5 the line would count as silent, and the state as not READY.
 RateHz = Annotated[float, Field(ge=5, le=2000)]
-#: Slower than by hand, to faster than any arm: at 20 000 a joint goes half a turn in 9 ms.
+#: The lowest is slower than a hand moves, the highest faster than any arm: half a turn in 9 ms.
 JointRate = Annotated[float, Field(ge=1, le=20_000)]
 
 
@@ -52,7 +54,7 @@ class CanConfig(Strict):
     channel: str | int | None = None
     rate_hz: RateHz = 500.0
     sync: Literal["producer", "follower"] = "producer"
-    #: 1018:4 of nodes 1…N, in this order; CiA 301: 0 is none
+    #: object 1018:4 of nodes 1…N, in this order; in CiA 301, 0 means no number
     encoder_serial_numbers: list[Annotated[int, Field(ge=1, le=0xFFFF_FFFF)]] | None = None
     max_joint_rate_deg_s: JointRate = MAX_JOINT_RATE_DEG_S
 
@@ -99,7 +101,7 @@ class CanConfig(Strict):
 
 
 def _wrong(key: str, actual: str, expected: str) -> PydanticCustomError:
-    """See `armd.files.schema.KEY_FAULT`."""
+    """Return the error of *key*; see `armd.files.schema.KEY_FAULT`."""
     return PydanticCustomError(
         KEY_FAULT, "{found}", {"key": key, "found": actual, "expected": expected}
     )
@@ -109,7 +111,7 @@ ServoId = Annotated[int, Field(ge=0, le=252)]
 
 
 class Trigger(Strict):
-    """A servo that is a button: bit 0 while its raw position (0…4095) is below."""
+    """A servo that serves as button 0: pressed while its raw position (0…4095) is below a limit."""
 
     id: ServoId
     pressed_below: Annotated[int, Field(ge=1, le=4095)]
@@ -120,14 +122,14 @@ class ServoConfig(Strict):
     port: Printable  # a stable name: /dev/serial/by-id/…
     baud: int = 1_000_000
     ids: Annotated[list[ServoId], Field(min_length=3, max_length=9)]  # joint k is ids[k-1]
-    rate_hz: RateHz | None = None  # at the most; None: what the line allows
-    temperature_ids: list[ServoId] | None = None  # sensor k is this servo's; None: ids
+    rate_hz: RateHz | None = None  # the highest rate; None: what the line allows
+    temperature_ids: list[ServoId] | None = None  # the servos of the sensors; None: ids
     trigger: Trigger | None = None
-    adapter_serial: Printable | None = None  # of the USB adapter
-    # Nothing is ever written to a servo but by these two, at each connection:
+    adapter_serial: Printable | None = None  # serial number of the USB adapter
+    # Only these two keys cause writes to a servo, at each connection:
     torque_off: bool = False
     return_delay_us: Annotated[int, AfterValidator(_return_delay)] | None = None
-    #: take changed homing offsets and other servos without `armd accept`
+    #: accept changed homing offsets and exchanged servos without `armd accept`
     accept_changed_offsets: bool = False
     max_joint_rate_deg_s: JointRate = MAX_JOINT_RATE_DEG_S
 
@@ -159,8 +161,8 @@ def _microscribe_baud(baud: int) -> int:
 class MicroScribeConfig(Strict):
     kind: Literal["microscribe"]
     port: Printable
-    baud: Annotated[int, AfterValidator(_microscribe_baud)] | None = None  # found by trying
-    stream: bool = True  # False: each reading is asked for, as from an arm that cannot stream
+    baud: Annotated[int, AfterValidator(_microscribe_baud)] | None = None  # None: found by trial
+    stream: bool = True  # False: request each reading, as from an arm that cannot stream
     max_joint_rate_deg_s: JointRate = MAX_JOINT_RATE_DEG_S
 
 
@@ -173,7 +175,7 @@ def _speed(speed: float) -> float:
 class ReplayConfig(Strict):
     kind: Literal["replay"]
     file: Printable  # MCAP, relative to armd.toml
-    speed: Annotated[float, AfterValidator(_speed)] = 1.0  # 0: as fast as it goes
+    speed: Annotated[float, AfterValidator(_speed)] = 1.0  # 0: as fast as possible
 
 
 DriverConfig = Annotated[

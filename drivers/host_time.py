@@ -1,10 +1,10 @@
-"""The host's two clocks, read together."""
+"""The host's two clocks, read at the same instant."""
 
 from __future__ import annotations
 
 import time
 
-TOGETHER_NS = 20_000  # readings further apart were interrupted and say nothing of the offset
+TOGETHER_NS = 20_000  # readings further apart were interrupted: their offset is not used
 
 
 class HostTime:
@@ -14,7 +14,7 @@ class HostTime:
         self._unix_minus_monotonic_ns = time.time_ns() - time.monotonic_ns()
 
     def now(self) -> tuple[int, int]:
-        """(monotonic_ns, unix_ns)."""
+        """Return (monotonic_ns, unix_ns) of this instant."""
         before = time.monotonic_ns()
         unix = time.time_ns()
         took_ns = time.monotonic_ns() - before

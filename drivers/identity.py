@@ -1,4 +1,4 @@
-"""Whose arm is this: what arm.toml expects against what the wire says."""
+"""The identity of the arm: compares what arm.toml expects with what the wire reports."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What arm.toml says; a driver delivers nothing valid from any other arm."""
+    """The identity that arm.toml states; a driver delivers nothing valid from any other arm."""
 
     serial_number: str
     n_joints: int
@@ -18,7 +18,9 @@ class Expectation:
     def mismatches(
         self, serial_number: str, n_joints: int, counts_per_turn: Sequence[int]
     ) -> list[str]:
-        """One phrase per difference, `serial number: found X, expected Y`; empty for our arm."""
+        """List the differences, each as `serial number: found X, expected Y`; empty for the
+        expected arm.
+        """
         faults = []
         if serial_number != self.serial_number:
             faults.append(f"serial number: found {serial_number}, expected {self.serial_number}")

@@ -1,4 +1,4 @@
-"""Joints that get into trouble, and out of it, as events: one each, however they flicker."""
+"""Events of joints that fail and recover: one event each, even if a fault flickers."""
 
 from __future__ import annotations
 
@@ -9,15 +9,18 @@ import numpy.typing as npt
 
 from armd.drivers.sample import Event, SampleArray
 
-GOOD_FOR_NS = 500_000_000  # so long must a joint hold before it counts as recovered
+GOOD_FOR_NS = 500_000_000  # a joint must be good for this long to count as recovered
 
 
 class JointWatch:
-    """Watches one kind of trouble. The events are *kind* and then "joint_valid"."""
+    """Watches one kind of fault. It emits events of *kind*, and "joint_valid" on recovery."""
 
     def __init__(self, kind: str, trouble: str, over: str, names: Sequence[str] = ()) -> None:
-        """*trouble*: what follows "joint 3: "; *over*: what follows "joint 3 is valid again: ";
-        *names* of the joints, if they are called more than "joint 3"."""
+        """Take the texts of the events.
+
+        *trouble* follows "joint 3: "; *over* follows "joint 3 is valid again: "; *names* replace
+        "joint 3", if given.
+        """
         self._kind = kind
         self._trouble = trouble
         self._over = over
@@ -26,11 +29,14 @@ class JointWatch:
 
     @property
     def active(self) -> bool:
-        """Some joint has not recovered yet."""
+        """Whether some joint has not recovered yet."""
         return bool(self._last_bad_ns)
 
     def events(self, samples: SampleArray, bad: npt.NDArray[np.uint16]) -> list[Event]:
-        """What *bad* (m,), bit k-1 for joint k, of the consecutive *samples* (m,) gives rise to."""
+        """Return the events of consecutive *samples* (m,).
+
+        *bad* (m,) marks the faulty joints: bit k-1 for joint k.
+        """
         if not self._last_bad_ns and not bad.any():
             return []
         device_ns, now_ns = int(samples["device_ns"][-1]), int(samples["monotonic_ns"][-1])

@@ -1,4 +1,4 @@
-"""Is the line alive: one event for each loss and each recovery, whatever the wire."""
+"""Watches whether a line is alive: one event for each loss and each recovery, on any wire."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ BACK_OFF_FIRST_NS, BACK_OFF_MOST_NS = 20_000_000, 200_000_000
 
 
 class LineHealth:
-    """Knows since when the arm is not heard, and what is the matter if something is.
+    """Knows since when the arm has been silent, and the present fault, if there is one.
 
-    Silence is reported after 0.5 s; as long as it lasts, the line is to be opened afresh every
-    *renew_ns*. Attempts to open it back off, shortly: recovery has a second to happen.
+    Silence is reported after 0.5 s. While it lasts, the line should be reopened every *renew_ns*.
+    The attempts to open it back off up to 0.2 s, because recovery may take at most a second.
     """
 
     def __init__(self, name: str, renew_ns: int) -> None:
         self._name = name
         self._renew_ns = renew_ns
-        self._trouble: tuple[str, int] | None = None  # what, since when
+        self._trouble: tuple[str, int] | None = None  # kind of fault, its beginning
         self._quiet_since_ns = time.monotonic_ns()
         self._back_off_ns = BACK_OFF_FIRST_NS
         self._times_opened = 0
-        self.open_due_ns = 0  # when to try to open the line next
+        self.open_due_ns = 0  # the next attempt to open the line
 
     @property
     def reconnects(self) -> int:
@@ -35,7 +35,7 @@ class LineHealth:
 
     @property
     def act_ns(self) -> int:
-        """When to report the silence, or to open a line afresh that is known to be silent."""
+        """The time to report the silence, or to reopen a line that is known to be silent."""
         return self._quiet_since_ns + (self._renew_ns if self._trouble else SILENCE_NS)
 
     def opened(self, now_ns: int) -> None:
@@ -44,7 +44,10 @@ class LineHealth:
         self._back_off_ns = BACK_OFF_FIRST_NS
 
     def lost(self, kind: str, text: str, now_ns: int) -> list[Item]:
-        """The line is gone or silent: an event, unless it is known; the next attempt backs off."""
+        """Record that the line is gone or silent, and delay the next attempt to open it.
+
+        Returns an event, unless a fault is known already.
+        """
         self.open_due_ns = now_ns + self._back_off_ns
         self._back_off_ns = min(2 * self._back_off_ns, BACK_OFF_MOST_NS)
         if self._trouble is not None:
@@ -53,16 +56,18 @@ class LineHealth:
         return [Event(kind, text, now_ns, "error", {"line": self._name})]
 
     def silent(self, now_ns: int, detail: str = "") -> list[Item]:
-        """Nothing for too long: an event, unless it is known, with *detail* that is to be said;
-        open the line afresh at once."""
+        """Record silence, and let the line be reopened at once.
+
+        Returns an event with *detail*, unless a fault is known already.
+        """
         events = self.lost("silence", f"nothing heard for 0.5 s on {self._name}{detail}", now_ns)
         self.open_due_ns = now_ns
         return events
 
     def heard(self, at_ns: int | None, items: list[Item]) -> list[Item]:
-        """*items*, with a word on the recovery before the first samples after a loss.
+        """Return *items*, with an event of the recovery before the first samples after a loss.
 
-        *at_ns*: when the arm was last heard, whether or not that was delivered.
+        *at_ns*: when the arm last sent something, even if that was not delivered.
         """
         if at_ns is not None:
             self._quiet_since_ns = max(self._quiet_since_ns, at_ns)

@@ -1,8 +1,8 @@
-"""Base of drivers whose arm sends one packet a sample: a package brings what a packet means and how
-to receive one (docs/developer/plugins.md).
+"""The base of drivers whose arm sends one packet a sample.
 
-The arm has no clock that is known here, so a sample's time is its packet's arrival, and every
-point carries the flag CLOCK. `serial/clock.py` is for wires that can do better.
+A package adds how a packet is received and decoded (docs/developer/plugins.md). The arm has no
+clock that is known here. So a sample's time is its packet's arrival, and every point carries the
+flag CLOCK. `serial/clock.py` is for wires that send the time of their samples.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from armd.drivers.shell import Shell
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper, load_compiled
 
 WRAP = 1 << 32
-#: Packets may arrive together that were sent this long apart: so much more may a count have moved.
+#: Packets sent this far apart may arrive together, so a count may have moved for this much longer.
 LATE_US = 50_000
-#: A packet so few numbers behind the last one came late or twice; else the arm has restarted.
+#: A packet fewer numbers behind the last one came late or twice; otherwise the arm has restarted.
 LATE_NUMBERS = 64
 RENEW_NS = 1_000_000_000
-BATCH = 256  # packets taken in one `read` at most
+BATCH = 256  # the most packets taken in one `read`
 
 
 class SamplePacket(NamedTuple):
-    """What one packet says."""
+    """The content of one packet."""
 
     number: int
     """Of the sample, as the arm counts them: 0 to 2^32 - 1, one more each time."""
@@ -46,9 +46,9 @@ class SamplePacket(NamedTuple):
 
 
 class PacketDecoder(ABC):
-    """Packets to samples, each once and in order; see `armd.drivers.shell.Decoder`."""
+    """Decodes packets to samples, each once and in order; see `armd.drivers.shell.Decoder`."""
 
-    #: Whether what answers is the expected arm, where packets tell.
+    #: Whether the connected arm is the expected one, where packets carry an identity.
     accepted = True
 
     def __init__(self, expectation: Expectation) -> None:
@@ -66,10 +66,10 @@ class PacketDecoder(ABC):
 
     @abstractmethod
     def read_packet(self, data: bytes) -> SamplePacket:
-        """What the bytes of a packet say; raises `ValueError` or `struct.error` for junk."""
+        """Decode the bytes of a packet; raises `ValueError` or `struct.error` for invalid bytes."""
 
     def feed(self, frame: RawFrame) -> list[Item]:
-        """What one packet gives: temperatures, events of joints, the sample."""
+        """Return the items of one packet: temperatures, events of joints, the sample."""
         if frame.direction != "rx":
             return []
         try:
@@ -128,21 +128,23 @@ class PacketDecoder(ABC):
 
 
 class PacketDriver(Shell[PacketDecoder]):
-    """Takes packets as they come; see `armd.drivers.sample.Driver`. `open` and `close` are the
-    package's."""
+    """Takes packets as they arrive; see `armd.drivers.sample.Driver`.
+
+    The package implements `open`, `receive` and `close`.
+    """
 
     def __init__(self, decoder: PacketDecoder, name: str) -> None:
-        """*name* of the line, for people."""
+        """Take the decoder, and the *name* of the line for messages."""
         super().__init__(decoder, name, RENEW_NS, "packets")
         decoder.warm_up()
 
     @abstractmethod
     def open(self) -> None:
-        """Open the line; whatever it raises is reported, and it is called again."""
+        """Open the line; an exception is reported, and `open` is called again."""
 
     @abstractmethod
     def receive(self, timeout_s: float) -> bytes:
-        """The next packet; raises `TimeoutError` or `BlockingIOError` if none comes in time."""
+        """Return the next packet; raises `TimeoutError` or `BlockingIOError` if none comes."""
 
     def read(self, timeout_s: float) -> list[Item]:
         items: list[Item] = []

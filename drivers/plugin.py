@@ -1,5 +1,4 @@
-"""Drivers of other packages: what they are based on, and what keeps the daemon alive when one of
-them raises.
+"""Drivers of other packages: their base, and the guard that keeps the daemon alive if one raises.
 
 A package names its `DriverPlugin` by an entry point in the group `armd.drivers`; the entry point's
 name is the `kind` of armd.toml (docs/developer/plugins.md).
@@ -30,26 +29,26 @@ T = TypeVar("T")
 
 
 class DriverPlugin(Strict):
-    """Base of a driver of another package: the keys of `[driver]` as fields, and what they open."""
+    """Base of a driver of another package: the keys of `[driver]` as fields, and two factories."""
 
     kind: str
 
     def make_driver(self, expectation: Expectation) -> Driver:
-        """The driver with these keys, not open yet."""
+        """Make the driver with these keys, not open yet."""
         raise NotImplementedError
 
     def make_decoder(self, expectation: Expectation) -> Decoder | None:
-        """What reads recordings of its raw frames; None: they cannot be replayed."""
+        """Make a decoder for recordings of its raw frames; None: they cannot be replayed."""
         return None
 
 
 def load_plugin_driver(kind: str, built_in: Collection[str]) -> type[DriverPlugin] | None:
-    """What a package brings for *kind*; None without one that works."""
+    """Load the driver that a package provides for *kind*; None if none works."""
     return load_named(GROUP, kind, built_in, _checked)
 
 
 def list_plugin_kinds(built_in: Collection[str]) -> list[str]:
-    """All kinds that packages bring."""
+    """List all kinds that packages provide."""
     return list(load_all(GROUP, built_in, _checked))
 
 
@@ -61,8 +60,10 @@ def _checked(plugin: Plugin, loaded: Any) -> type[DriverPlugin]:
 
 
 class GuardedDriver:
-    """A driver of another package, see `armd.drivers.sample.Driver`; an exception of its becomes an
-    event, and it is closed and opened again."""
+    """A driver of another package; see `armd.drivers.sample.Driver`.
+
+    An exception that it raises becomes an event, and the driver is closed and opened again.
+    """
 
     def __init__(self, config: DriverPlugin, expectation: Expectation) -> None:
         self._kind = config.kind
@@ -98,7 +99,7 @@ class GuardedDriver:
         return driver_counters | {"reconnects": self._line.reconnects}
 
     def open(self) -> None:
-        """Nothing yet: `read` opens it, and goes on trying."""
+        """Do nothing yet: `read` opens the driver, and tries again after a failure."""
 
     def close(self) -> None:
         if self._is_open:
@@ -132,7 +133,7 @@ class GuardedDriver:
         return self._ask(lambda: list(self._driver.preamble()), [])
 
     def _check(self, item: object) -> None:
-        """Raise `TypeError` for what the daemon could not use."""
+        """Raise `TypeError` for an item that the daemon cannot use."""
         match item:
             case np.ndarray() if item.dtype == self._dtype and item.ndim == 1:
                 return
@@ -151,7 +152,7 @@ class GuardedDriver:
             return default
 
     def _log(self, error: Exception) -> None:
-        """Where it happened, once: for who wrote the driver."""
+        """Log each error once, with its traceback for the author of the driver."""
         if (text := _describe(error)) not in self._logged:
             self._logged.add(text)
             _log.warning("driver %s: %s", self._kind, text, exc_info=error)

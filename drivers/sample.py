@@ -1,4 +1,4 @@
-"""What every driver delivers, whatever the wire: samples, temperatures, and what went wrong."""
+"""The items that every driver delivers, on any wire: samples, temperatures and events."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ SampleArray = npt.NDArray[np.void]
 
 
 def sample_dtype(n_joints: int) -> np.dtype[np.void]:
-    """One latched cycle of all joints.
+    """Return the dtype of one latched cycle of all joints.
 
-    `count` is unwrapped, so a wrap at 2^bits never shows here. Its first value lies between
-    −half and +half of the encoder's range; the turn in which the arm woke up is not known.
-    An invalid joint's count is present but means nothing. It has a fraction only where joints
-    were read one after the other and moved to the row's instant.
+    `count` is unwrapped, so a wrap at 2^bits never shows here. Its first value lies between −half
+    and +half of the encoder's range, because the turn at power-up is not known. An invalid joint's
+    count is present but has no meaning. A count has a fraction only where joints were read one
+    after the other and moved to the row's instant.
     """
     return np.dtype(
         [
@@ -29,10 +29,10 @@ def sample_dtype(n_joints: int) -> np.dtype[np.void]:
             ("monotonic_ns", "<i8"),  # the same instant, the controller's CLOCK_MONOTONIC
             ("count", "<f8", (n_joints,)),  # before `direction` and `theta_deg` of arm.toml
             ("joint_invalid", "<u2"),  # bit k-1: joint k invalid (status bit, jump, alarm)
-            ("joint_warning", "<u2"),  # bit k-1: joint k warns, its count still holds
+            ("joint_warning", "<u2"),  # bit k-1: joint k warns, its count is still valid
             ("buttons", "<u4"),
             ("clock_mapped", "?"),  # False until device time is mapped to host time
-            ("lost_before", "?"),  # seq does not follow the previous delivered sample's
+            ("lost_before", "?"),  # seq is not the previous delivered sample's + 1
         ]
     )
 
@@ -43,17 +43,17 @@ class Temperatures:
 
     celsius: F64  # (n_sensors,)
     device_ns: int
-    monotonic_ns: int  # host arrival where the device clock is not mapped yet
+    monotonic_ns: int  # time of arrival where the device clock is not mapped yet
     stamp_ns: int  # the same instant, Unix time
-    resolution_c: float = 0.0  # of a sensor whose step is no change to be afraid of
+    resolution_c: float = 0.0  # a sensor's step: a change of one step is no warning
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something a person wants explained: a fault, a recovery, a foreign arm, a reboot."""
+    """An incident that a user wants explained: a fault, a recovery, a foreign arm, a reboot."""
 
     kind: str  # "silence", "recovered", "reboot", "foreign_arm", …; docs/reference/wire.md
-    text: str  # one sentence for a person
+    text: str  # one sentence for the user
     monotonic_ns: int
     severity: str = "warning"  # "info", "warning", "error"
     detail: dict[str, Any] = field(default_factory=dict)
@@ -69,65 +69,71 @@ Direction = Literal["rx", "tx", "link"]
 
 
 class RawFrame(NamedTuple):
-    """Bytes as they crossed the wire, recorded before anything decodes them.
+    """The bytes that crossed the wire, recorded before anything decodes them.
 
-    A decoder is fed nothing else, so the frames of one recording give the same samples again,
-    bit by bit. "link" frames say that the line itself changed (b"up", b"down") or what is known
-    otherwise; drivers/serial/decoder.py and drivers/can/decoder.py tell which.
+    A decoder is fed nothing else, so the frames of one recording give the same samples again, bit
+    by bit. "link" frames record that the line itself changed (b"up", b"down"), or a fact that is
+    not on the wire; drivers/serial/decoder.py and drivers/can/decoder.py define them.
     """
 
     monotonic_ns: int  # arrival, or just before sending
     unix_ns: int
     direction: Direction
-    data: bytes  # serial: a read's bytes; CAN: see drivers/can
-    channel: str = "serial"  # or "can": which decoder it is for
+    data: bytes  # serial: the bytes of one read; CAN: see drivers/can
+    channel: str = "serial"  # or "can": the decoder that it is for
 
 
-RAW_FRAMES_KEPT = 1 << 16  # by a driver whose raw frames nobody takes
+RAW_FRAMES_KEPT = 1 << 16  # by a driver if `take_raw` is not called
 
 
 class Driver(Protocol):
     """A source of samples. Everything happens in the caller's thread, inside `read`.
 
-    `read` also does the driver's housekeeping when it is due (ping, time-outs, reconnection
-    with back-off), so silence and recovery arrive as `Event`s like everything else; it never
-    raises for a fault of the hardware.
+    `read` also does the driver's housekeeping when it is due (ping, time-outs, reconnection with
+    back-off). So silence and recovery arrive as `Event`s like everything else. It never raises for
+    a fault of the hardware.
     """
 
     @property
     def connected(self) -> bool:
-        """Samples of the expected arm are coming in: identified, and silent for under 0.5 s."""
+        """Whether samples of the expected arm are coming in: identified, and silent for under 0.5
+        s.
+        """
         ...
 
     @property
     def stale(self) -> bool:
-        """No sample for more than 50 ms."""
+        """Whether no sample has come for more than 50 ms."""
         ...
 
     @property
     def hindrance(self) -> str:
-        """What the arm says of itself that keeps a person from measuring, in words; "" if it says
-        nothing of the kind."""
+        """The reason, reported by the arm, why nobody can measure; "" if there is none."""
         ...
 
     @property
     def counters(self) -> dict[str, int]:
-        """What was counted since `open`: samples, lost, repeated, bad_crc, reconnects, …"""
+        """The numbers counted since `open`: samples, lost, repeated, bad_crc, reconnects, …"""
         ...
 
     def open(self) -> None: ...
 
     def read(self, timeout_s: float) -> list[Item]:
-        """Wait up to *timeout_s* for bytes; return what they held, in order, maybe nothing."""
+        """Wait up to *timeout_s* for bytes; return their items in order, maybe none."""
         ...
 
     def take_raw(self) -> list[RawFrame]:
-        """The raw frames since the last call, both directions; the oldest go if nobody calls."""
+        """Return the raw frames since the last call, of both directions; the oldest go if not
+        taken.
+        """
         ...
 
     def preamble(self) -> list[RawFrame]:
-        """What a recording that begins now must begin with, so that a decoder can go on from it:
-        whose arm, which clock, which epoch. Empty before the arm is identified."""
+        """Return the frames with which a recording that starts now must begin.
+
+        A decoder can continue from them: they hold the arm's identity, the clock and the epoch.
+        Empty before the arm is identified.
+        """
         ...
 
     def close(self) -> None: ...

@@ -1,7 +1,7 @@
-"""What is around every decoder: the frames it was fed, and how its line does. `SerialShell` adds a
-serial port that may vanish.
+"""The part of a driver around its decoder: records the raw frames and watches the line.
 
-Nothing here knows what bytes mean; a decoder never sees a port.
+`SerialShell` adds a serial port that may vanish. Nothing here knows the meaning of bytes; a decoder
+never sees a port.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from armd.drivers.sample import RAW_FRAMES_KEPT, Direction, Item, RawFrame
 
 
 class Decoder(Protocol):
-    """Frames → what is delivered, and nothing else: no port, no clock."""
+    """Turns frames into items, and does nothing else: it has no port and no clock."""
 
     @property
     def accepted(self) -> bool:
-        """Whether what answers is the expected arm."""
+        """Whether the connected arm is the expected one."""
         ...
 
     @property
     def last_sample_ns(self) -> int | None:
-        """When the last sample arrived, host monotonic."""
+        """The arrival of the last sample, host monotonic."""
         ...
 
     @property
     def counters(self) -> dict[str, int]: ...
 
     def warm_up(self) -> None:
-        """Compile, or load from the cache: before the first sample, not while it waits."""
+        """Compile the decoder, or load it from the cache, before the first sample arrives."""
         ...
 
     def feed(self, frame: RawFrame) -> list[Item]: ...
@@ -51,10 +51,10 @@ D = TypeVar("D", bound=Decoder)
 
 
 class Shell(ABC, Generic[D]):
-    """What drivers answer alike; see `armd.drivers.sample.Driver`."""
+    """The common part of all drivers; see `armd.drivers.sample.Driver`."""
 
     def __init__(self, decoder: D, name: str, renew_ns: int, channel: str = "serial") -> None:
-        """*name* of the line, for people; *channel*: which decoder its frames are for."""
+        """Take the *name* of the line for messages, and the *channel* for its frames."""
         self._decoder = decoder
         self._line = LineHealth(name, renew_ns)
         self._channel = channel
@@ -82,7 +82,7 @@ class Shell(ABC, Generic[D]):
         return {**self._decoder.counters, "reconnects": self._line.reconnects}
 
     def open(self) -> None:
-        """Get ready; the line itself is opened by the first `read`, which goes on trying."""
+        """Prepare the driver; the first `read` opens the line, and tries again after a failure."""
         self._decoder.warm_up()
 
     @abstractmethod
@@ -97,12 +97,12 @@ class Shell(ABC, Generic[D]):
         return self._decoder.preamble()
 
     def _frame(self, direction: Direction, data: bytes) -> RawFrame:
-        """*data* as of now."""
+        """Return *data* as a frame of this instant."""
         monotonic_ns, unix_ns = self._time.now()
         return RawFrame(monotonic_ns, unix_ns, direction, data, self._channel)
 
     def _take(self, frame: RawFrame) -> list[Item]:
-        """Noted before anybody decodes it."""
+        """Record *frame*, then decode it."""
         self._raw.append(frame)
         return self._decoder.feed(frame)
 
@@ -111,20 +111,20 @@ class Shell(ABC, Generic[D]):
 
 
 class SerialShell(Shell[D]):
-    """A port is opened by `_try_open` and read by `_receive`; both are told by a driver's `read`.
+    """A driver of a serial port: `_try_open` opens it, `_receive` reads it.
 
-    pyserial opens and configures; then bytes are read from its descriptor, whatever is there at
-    once.
+    The `read` of a derived driver calls both. pyserial opens and configures the port. Then bytes
+    are read from its descriptor: all that are there at once.
     """
 
     READ_BYTES = 1 << 16
-    RENEW_NS = 1_000_000_000  # a port that stays silent is opened afresh this often
+    RENEW_NS = 1_000_000_000  # a port that stays silent is reopened this often
     DOWN = b"down"  # the "link" frame of a port that is closed
 
     def __init__(self, decoder: D, port: str, channel: str = "serial") -> None:
         super().__init__(decoder, port, self.RENEW_NS, channel)
         self._path = port
-        self._unsent = 0  # requests that the line did not take whole
+        self._unsent = 0  # requests that the line did not take completely
         self._port: serial.Serial | None = None
         self._poll = select.poll()
 
@@ -142,14 +142,14 @@ class SerialShell(Shell[D]):
 
     @abstractmethod
     def _try_open(self, now_ns: int) -> list[Item]:
-        """`_open_port`, and what this line begins with."""
+        """Call `_open_port`, and do what this line needs at its start."""
 
     @abstractmethod
     def _received(self, port: serial.Serial, data: bytes) -> list[Item]:
-        """Bytes have come."""
+        """Handle the bytes that have come."""
 
     def _open_port(self, baud: int, now_ns: int) -> list[Item]:
-        """Makes `_port`, or leaves it None; then a word on it, unless it is known."""
+        """Set `_port`, or leave it None and return an event, unless the fault is known already."""
         try:
             self._port = serial.Serial(self._path, baud, timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
@@ -161,14 +161,17 @@ class SerialShell(Shell[D]):
         return []
 
     def _renew(self) -> list[Item]:
-        """Silence: perhaps the adapter hangs, perhaps the name now means another device."""
+        """Reopen a silent port.
+
+        The adapter may hang, or its name may now mean another device.
+        """
         self._hang_up()
         now_ns = time.monotonic_ns()
         return [*self._line.silent(now_ns, self._of_silence), *self._try_open(now_ns)]
 
     @property
     def _of_silence(self) -> str:
-        """What else is to be said of a line on which the arm is not heard."""
+        """The text that a driver adds to the event of silence."""
         return ""
 
     def _unplugged(self, reason: str) -> list[Item]:
@@ -190,8 +193,11 @@ class SerialShell(Shell[D]):
         return self._received(port, data) if data else self._unplugged("end of file")
 
     def _write(self, port: serial.Serial, data: bytes) -> RawFrame | None:
-        """*data* goes out; the decoder is to be told by the frame returned. None where the line
-        did not take it whole: nothing of it counts as sent, and nobody answers it."""
+        """Send *data*; return the frame for the decoder.
+
+        None where the line did not take all of it: then nothing counts as sent, and no answer
+        comes.
+        """
         frame = self._frame("tx", data)
         try:
             written = os.write(port.fileno(), data)

@@ -1,5 +1,8 @@
-"""The drivers, by the `kind` that armd.toml names. A module is imported when it is chosen; other
-kinds are those of other packages (docs/developer/plugins.md)."""
+"""The table of drivers, by the `kind` that armd.toml names.
+
+A module is imported when it is chosen. Other kinds are those of other packages
+(docs/developer/plugins.md).
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ DRIVERS = {
 
 
 def open_driver(config: DriverConfig | DriverPlugin, expectation: Expectation) -> Driver:
-    """The driver that *config* names, open. Missing hardware is waited for, in `Driver.read`."""
+    """Open the driver that *config* names. `Driver.read` waits for missing hardware."""
     _log.info("opening the driver %s", config.kind)
     module, name = DRIVERS.get(config.kind, "armd.drivers.plugin:GuardedDriver").split(":")
     driver: Driver = getattr(import_module(module), name)(config, expectation)

@@ -1,6 +1,6 @@
-"""Encoder counts that wrap → counts that do not, and which of them are beyond belief.
+"""Unwraps encoder counts, and marks counts that are implausible.
 
-One plain loop, compiled: the same rule for one sample and for a million.
+One plain loop, compiled, applies the same rule to one sample and to a million.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ MAX_JOINT_RATE_DEG_S = 1200.0  # a wrist spun by hand stays below three turns a 
 MARGIN_COUNTS = 4  # noise, and the granularity of the time stamps
 SETTLE_SAMPLES = 5  # after a jump, at most this many more are withheld
 
-#: What is remembered of each joint between two samples; counts are unwrapped.
+#: The state of each joint between two samples; counts are unwrapped.
 _MEMORY = np.dtype(
     [
         ("range_counts", "i8"),
-        ("counts_per_us", "f8"),  # at the highest rate that is believed
+        ("counts_per_us", "f8"),  # at the highest plausible rate
         ("started", "?"),
         ("believed", "i8"),  # the last believed reading
         ("believed_us", "i8"),
         ("reading", "i8"),  # the last reading, believed or not
         ("reading_us", "i8"),
         ("doubt", "i8"),  # samples until an implausible reading is believed; 0: none in doubt
-        ("may_return", "?"),  # after a single jump the old reading may come back
+        ("may_return", "?"),  # after a single jump the old count may come back
     ]
 )
 
 
 @jit
 def unwrap(raw: Any, now: Any, withheld: Any, memory: Any, out: Any) -> Any:
-    """One cycle: counts (N,) at *now* µs into *out*; returns the bits of joints that jumped.
+    """Unwrap one cycle: counts (N,) at *now* µs into *out*; return the bits of joints that jumped.
 
-    *memory* is an `Unwrapper`'s.
+    *memory* belongs to an `Unwrapper`.
     """
     jumped = np.uint16(0)
     for k in range(len(raw)):
@@ -68,7 +68,7 @@ def unwrap(raw: Any, now: Any, withheld: Any, memory: Any, out: Any) -> Any:
         else:
             step = (reading - joint.reading + half) % span - half
             steady = MARGIN_COUNTS + joint.counts_per_us * (now - joint.reading_us)
-            if abs(step) > steady:  # another jump: this encoder is wild
+            if abs(step) > steady:  # another jump: this encoder is unstable
                 joint.doubt = SETTLE_SAMPLES + 1
                 joint.may_return = False
             else:
@@ -91,13 +91,13 @@ def _unwrap_all(raw: Any, t_us: Any, withheld: Any, memory: Any, out: Any, jumpe
 
 
 class Unwrapper:
-    """Counts modulo *range_counts* → counts that run on over the turns.
+    """Unwraps counts modulo *range_counts* to counts that continue over the turns.
 
-    The first reading of a joint lies between −half and +half of its range. A reading that
-    differs from the last believed one by more than *max_rate_deg_s* allows is a jump: it and at
-    most `SETTLE_SAMPLES` after it are reported, then the new reading is believed; an old reading
-    that comes back is believed at once. A reading the arm itself calls invalid is neither
-    believed nor compared with.
+    The first reading of a joint lies between −half and +half of its range. A reading is a jump if
+    it differs from the last believed one by more than *max_rate_deg_s* allows. It and at most
+    `SETTLE_SAMPLES` after it are reported as jumps; then the new reading is believed. If the old
+    reading comes back, it is believed at once. A reading that the arm itself calls invalid is
+    neither believed nor compared with.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Unwrapper:
 
     def restart(self) -> None:
         """Forget all readings: the turns are unknown again."""
-        self.memory = self._fresh.copy()  # what `unwrap` takes and keeps
+        self.memory = self._fresh.copy()  # the state that `unwrap` reads and updates
 
     def __call__(
         self,
@@ -121,9 +121,9 @@ class Unwrapper:
         t_us: I64,
         invalid: npt.NDArray[np.uint16],
     ) -> tuple[I64, npt.NDArray[np.uint16]]:
-        """*raw* (m, N) counts, *t_us* (m,) rising, *invalid* (m,) bits of joints not to be used.
+        """Unwrap *raw* (m, N) counts at *t_us* (m,), which rise; *invalid* (m,) are bits of joints.
 
-        Returns the unwrapped counts (m, N) and, bit k-1 for joint k, which of them jumped (m,).
+        Returns the unwrapped counts (m, N), and which of them jumped (m,): bit k-1 for joint k.
         """
         out = np.empty_like(raw)
         jumped = np.zeros(len(raw), dtype=np.uint16)
@@ -132,5 +132,5 @@ class Unwrapper:
 
 
 def load_compiled() -> None:
-    """Compile, or load from the cache: before the first sample, not while it waits."""
+    """Compile the loop, or load it from the cache, before the first sample arrives."""
     Unwrapper([2], [2])(np.zeros((1, 1), np.int64), np.zeros(1, np.int64), np.zeros(1, np.uint16))

@@ -1,4 +1,4 @@
-"""Waiting for bytes on a descriptor, whatever its number: `select.select` ends at 1023."""
+"""Waits for bytes on a descriptor of any number: `select.select` ends at 1023."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import time
 
 
 def has_bytes(descriptor: int, seconds: float) -> bool:
-    """Whether something is to be read within *seconds*, or the other end is gone.
+    """Return whether bytes arrive within *seconds*, or the other end is gone.
 
-    Raises `OSError`. Of the last, broken millisecond only the end is looked at: `poll` counts in
-    whole ones.
+    Raises `OSError`. `poll` counts whole milliseconds. So the last, partial millisecond is slept,
+    and only its end is checked.
     """
     waiting = select.poll()
     waiting.register(descriptor, select.POLLIN)

@@ -1,1 +1,1 @@
-"""An arm that is not there: physics to wire bytes."""
+"""A simulated arm, from physics to bytes on a wire."""

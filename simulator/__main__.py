@@ -49,7 +49,7 @@ from armd.terminal.parser import Parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the simulator; 0 done, 2 bad usage or input."""
+    """Run the simulator; return 0 for success, 2 for bad usage or input."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         if any(word.partition("=")[0] == "--session" for word in arguments):
@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for fault in (error, *getattr(error, "more", ())):
             print(f"armd: {shorten_lines(fault)}", file=sys.stderr)
         return 2
-    except BrokenPipeError:  # whoever started it has left
+    except BrokenPipeError:  # the reader of the output has gone
         return 141
     except OSError as error:
         print(f"armd: {describe_os_error(error)}", file=sys.stderr)
@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _check(path: Path) -> None:
-    """A scenario, or the plan of a simulated operator; raises `BadInput`."""
+    """Check a scenario, or the plan of a simulated operator; raises `BadInput`."""
     if decode_toml(path, read_input(path)).get("schema") == OPERATOR:
         load_plan(path)
     else:
@@ -81,14 +81,14 @@ def _check(path: Path) -> None:
 
 
 def run_on_wire(options: argparse.Namespace) -> int:
-    """An arm on a wire, as *options* say; raises `BadInput`."""
+    """Run an arm on a wire, with the *options*; raises `BadInput`."""
     if options.check is not None:
         _check(options.check)
         return 0
     check_twin(options)
     scenario = read_scenario(options)
     if options.session_like is not None:
-        from armd.simulator.twin.session import write_copy  # the wire must not wait for it
+        from armd.simulator.twin.session import write_copy  # loaded late: the wire must not wait
 
         return write_copy(options, scenario.seed)
     check_places(options)
@@ -116,7 +116,7 @@ def run_on_wire(options: argparse.Namespace) -> int:
 
 
 def run(scenario: Scenario, options: argparse.Namespace) -> int:
-    """The arm on its wire, until its time is over or a signal ends it."""
+    """Run the arm on its wire, until its time is over or a signal ends it."""
     lived: Life | None = None
     if options.serial or options.can:
         lived = start_life(scenario, GRID_HZ if options.can else scenario.rate_hz, options)
@@ -137,7 +137,7 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
             port = cleanup.enter_context(closing(PtyPort(options.link)))
             led = None
             if options.operator is not None:
-                from armd.simulator.live.led import load_plan  # the wire must not wait for it
+                from armd.simulator.live.led import load_plan  # loaded late: the wire must not wait
 
                 led = load_plan(options.operator)
             bus = ServoBus(options.servo, scenario, port, truth, log, options.baud, led)
@@ -153,7 +153,7 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
             )
             print(port.path, flush=True)
             device.run()
-            port.drain(0.5)  # a port closed at once takes the last samples with it
+            port.drain(0.5)  # closing it at once would lose the last samples
         else:
             assert lived is not None
             physics = cleanup.enter_context(closing(Prefetch(lived.blocks)))
@@ -167,7 +167,7 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
 
 
 def make_can_wire(options: argparse.Namespace) -> BusEnd:
-    """What carries the frames; the modules behind it are imported only where used."""
+    """Make the wire of the frames; its modules are imported only where used."""
     match options.can:
         case "socketcand":
             from armd.simulator.canbus.socketcand import SocketcandWire
@@ -183,8 +183,8 @@ def make_can_wire(options: argparse.Namespace) -> BusEnd:
 
 
 def make_sessions_parser() -> Parser:
-    """The command line of `--session KIND`."""
-    from armd.simulator import sessions  # as there
+    """Make the parser of `--session KIND`."""
+    from armd.simulator import sessions  # loaded late, as below
 
     command = Parser(
         prog=PROGRAM,
@@ -197,8 +197,8 @@ def make_sessions_parser() -> Parser:
 
 
 def measure_sessions(arguments: Sequence[str]) -> int:
-    """`--session KIND`: no wire, but session folders."""
-    from armd.simulator import sessions  # the wire must not wait for it
+    """Run `--session KIND`: write session folders, without a wire."""
+    from armd.simulator import sessions  # loaded late: the wire must not wait
 
     options = make_sessions_parser().parse_args(arguments)
     with show_log(options):

@@ -1,7 +1,7 @@
-"""Cases that hide an effect: sessions with a planted cause, and the truth kept apart from them.
+"""Generates cases that hide an effect: sessions with a planted cause, and the truth in memory.
 
-For tests and `make hidden`: `generate_case` writes a folder that an operator could have measured
-and returns what only nature knows.
+For tests and `make hidden`: `generate_case` writes a folder that an operator could have measured,
+and returns the truth, which the folder does not contain.
 """
 
 from __future__ import annotations
@@ -32,31 +32,31 @@ from armd.simulator.truth.answers import list_true_constants, list_true_expansio
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """A planted cause and what it does to the readings."""
+    """A planted cause and its effect on the readings."""
 
     plant: Plant
-    depends_on: list[str]  # columns it acts through
-    error_mm: dict[str, F64]  # by session: (n, 3) what a model without it errs by, base frame
-    rms_um: float  # of that, over the sessions to diagnose (3-D, before anything is fitted)
+    depends_on: list[str]  # columns on which it depends
+    error_mm: dict[str, F64]  # by session: (n, 3) error of a model without it, base frame
+    rms_um: float  # its RMS over the sessions to diagnose (3-D, before any fit)
 
 
 @dataclass(frozen=True, kw_only=True)
 class HiddenCase:
-    """Paths of what was written, and the truth."""
+    """The paths of the written files, and the truth."""
 
     arm: Path
     sessions: list[Path]
     holdout: list[Path]
-    before: list[Path]  # of the arm when nothing was wrong yet
+    before: list[Path]  # of the healthy arm
     effects: list[HiddenEffect]
-    noise_mm: dict[str, F64]  # by session: (n, 3) what remains for a model that knows everything
+    noise_mm: dict[str, F64]  # by session: (n, 3) residuals of a perfect model
     constants: dict[str, float]  # true geometry at the reference temperature, rad and mm
     expansion: list[tuple[str, str, float]]  # parameter, sensor, change per kelvin, mm/K
     measured: dict[str, Measured]
     present: Campaign  # the arm and its surroundings as they are now
 
     def oracle_rms_um(self, sessions: Sequence[Path]) -> float:
-        """3-D RMS of the noise alone over *sessions*: no model does better for long."""
+        """Return the 3-D RMS of the noise over *sessions*, the limit of every model."""
         noise = np.concatenate([self.noise_mm[path.name] for path in sessions])
         return 1e3 * float(np.sqrt(np.mean(np.sum(noise**2, axis=1))))
 
@@ -81,7 +81,7 @@ def generate_case(
     def make_plant_rng(i: int) -> np.random.Generator:
         return np.random.default_rng([seed, 0x9147, i])
 
-    # What a plant draws of its own must not depend on how many others there are.
+    # The random properties of a plant must not depend on the number of other plants.
     single_plant_campaigns = [
         plant_all(later, [plant], make_plant_rng(i)) for i, plant in enumerate(plants)
     ]
@@ -129,7 +129,7 @@ def _write_mess(folder: Path, mess: str, sessions: list[Measured], seed: int) ->
 
 
 def _certificate_error(measured: Measured, healthy: Artefact) -> F64:
-    """What the certificate of the *healthy* artefact errs by at each reading (n, 3), mm."""
+    """Return the error (n, 3) mm of the *healthy* artefact's certificate at each reading."""
     local = np.nan_to_num(healthy.true_mm - healthy.certified_mm)[measured.target]
     return measured.to_base(local)
 
@@ -144,9 +144,9 @@ def _effect(
 
 
 def _error(planted: Rig, healthy: Rig, measured: Measured) -> F64:
-    """What a model that knows the *healthy* rig errs by where it is as in *planted*: (n, 3) mm.
+    """Return the error (n, 3) mm of a model of the *healthy* rig on readings of *planted*.
 
-    Its prediction, from what encoders show and sensors tell, minus where it believes the target.
+    It is the model's prediction from encoders and sensors, minus its position of the target.
     """
     conditions, phi = measured.conditions, measured.phi
     arm = planted.arm.with_payload(measured.plan.payload_kg)

@@ -1,4 +1,4 @@
-"""What an arm on a wire will live through: the arm, the hand that moves it, the heat about it."""
+"""Makes the course of a simulation on a wire: the arm, the hand that moves it, the heat."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from armd.simulator.truth.nominal import JOINTS
 
 @dataclass(frozen=True)
 class Life:
-    """An arm's life to come, and what it shows of it."""
+    """The future course of an arm, and its electronics."""
 
     serial_number: str
     blocks: Iterator[Block]
@@ -24,8 +24,10 @@ class Life:
 
 
 def start_life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) -> Life:
-    """The physics of a scenario, *rate_hz* times a second; raises `ArmdError` for a plan, a plant
-    or a twin that cannot be."""
+    """Make the physics of a scenario, *rate_hz* times a second.
+
+    Raises `ArmdError` for an impossible plan, plant or twin.
+    """
     warm_up = None
     if scenario.warm_up_k is not None:
         warm_up = WarmUp(scenario.warm_up_k, scenario.warm_up_s or scenario.seconds or 20.0)
@@ -33,7 +35,7 @@ def start_life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) ->
         return _begin_twin(scenario, rate_hz, options, warm_up)
     arm = TrueArm.default(scenario.seed, joints=scenario.joints or len(JOINTS))
     if options.plant:
-        from armd.simulator.plants.live import plant_in_arm  # the wire must not wait for it
+        from armd.simulator.plants.live import plant_in_arm  # loaded late: the wire must not wait
 
         arm = plant_in_arm(arm, options.plant, scenario.seed)
     hand: Hand = Operator(arm, scenario.seed)
@@ -49,8 +51,8 @@ def start_life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) ->
 def _begin_twin(
     scenario: Scenario, rate_hz: int, options: argparse.Namespace, warm_up: WarmUp | None
 ) -> Life:
-    """The life of a twin in a hand; raises `ArmdError` for files that are wrong."""
-    from armd.simulator.twin import arm as twins  # the wire must not wait for it
+    """Make the course of a twin; raises `ArmdError` for invalid files."""
+    from armd.simulator.twin import arm as twins  # loaded late: the wire must not wait
     from armd.simulator.twin.files import read_twin
     from armd.simulator.twin.model import TwinModel
     from armd.simulator.twin.noise import FoundNoise, read_noise

@@ -172,7 +172,7 @@ def make_parser() -> Parser:
 
 
 def read_scenario(options: argparse.Namespace) -> Scenario:
-    """The scenario file, overridden by the options given; raises `BadInput`."""
+    """Read the scenario file, overridden by the options given; raises `BadInput`."""
     file = Scenario() if options.scenario is None else load_toml(options.scenario, Scenario)
     given_options = {
         key: value

@@ -51,11 +51,11 @@ KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
     "verify": verification.plan_verification,
     "diagnosis": hidden.plan_diagnosis,
 }
-#: A printed hobby arm; its arm.toml is of `armd arm so101`.
+#: A printed hobby arm; its arm.toml is that of `armd arm so101`.
 PRINTED = "so101"
 #: Short checks of one arm, a few minutes a day over weeks.
 INTERIM = "interim"
-#: Options of interim checks alone, as argparse names what they say.
+#: Options of interim checks only, by argparse's names.
 OF_INTERIM = ("days", "bad", "artefact")
 MEASURING = "measuring with the simulated arm …"
 
@@ -154,7 +154,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _printed_drawing() -> str:
-    """Return the arm.toml of `armd arm so101`, which is what an owner would have."""
+    """Return the arm.toml of `armd arm so101`, which an owner would have."""
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / "arm.toml"
         command = [sys.executable, "-P", "-m", "armd", "arm", PRINTED, "-o", str(path)]
@@ -163,7 +163,7 @@ def _printed_drawing() -> str:
 
 
 def _interim(args: argparse.Namespace) -> int:
-    """A history of checks, and its true settings."""
+    """Write a history of checks, and its true settings."""
     days = args.days or 40
     history = interim.CheckSeries(
         days,
@@ -205,8 +205,8 @@ def write_campaign(
 ) -> list[Measured]:
     """Measure *campaign* and write arm.toml and its sessions under *folder*.
 
-    Raises `BadInput`, and writes nothing, if one of the files is there with another content:
-    somebody may have measured it.
+    Raises `BadInput`, and writes nothing, if one of the files exists with another content, because
+    a user may have measured it.
     """
     measured = list(measure_campaign(campaign, np.random.default_rng([seed, 0x5E55])))
     _write_measured(folder, campaign.arm_toml, measured, force)
@@ -235,9 +235,10 @@ def _write_files(files: dict[Path, str], folder: Path, force: bool) -> None:
 def describe_truth(
     campaign: Campaign, plants: Sequence[Plant], measured: Sequence[Measured]
 ) -> dict[str, Any]:
-    """The true settings as plain data: constants at the reference temperature, expansion, poses.
+    """Return the true settings as plain data: constants at the reference temperature, expansion,
+    poses.
 
-    Constants carry the names of arm.toml's parameters with the joint's number (rad, mm).
+    Constants have the names of arm.toml's parameters with the joint's number (rad, mm).
     """
     arm = campaign.rig.arm
     return {

@@ -1,1 +1,1 @@
-"""Functions compiled to machine code: ahead, into a library, or by numba when they are called."""
+"""Functions compiled to machine code: in advance, into a library, or by numba when called."""

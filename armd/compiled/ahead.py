@@ -1,11 +1,12 @@
-"""The library of compiled functions, made before a daemon starts: `python -m armd.compiled.ahead`.
+"""Makes the library of compiled functions before a daemon starts: `python -m armd.compiled.ahead`.
 
-A daemon's every compiled call is made once, on made-up samples, for the arms of the armd.toml files
-given, or for any of 3 to 9 joints, or for that of `armd demo`; then those of the commands that work
-on sessions. What was called is exported by numba's ahead-of-time compiler and linked: into the
-virtual environment, or, where that cannot be written to, into the cache. Where there is a library
-already, or no C++ compiler, the calls are made all the same, and numba compiles what is missing
-into its cache. A bad file is reported and skipped: `armd run` reports it again.
+It makes every compiled call of a daemon once, on made-up samples: for the arms of the given
+armd.toml files, or for arms of 3 to 9 joints, or for that of `armd demo`. Then it makes the calls
+of the commands that work on sessions. numba's ahead-of-time compiler exports the called functions,
+and they are linked into the virtual environment or, where that cannot be written to, into the
+cache. If there is a library already, or no C++ compiler, the calls are made all the same, and numba
+compiles missing functions into its cache. A bad file is reported and skipped: `armd run` reports it
+again.
 """
 
 from __future__ import annotations
@@ -55,20 +56,20 @@ SERIAL, MICROSCRIBE = (
     CONFIGURATION.format(kind=kind) + 'port = "none"\n' for kind in ("serial", "microscribe")
 )
 
-#: Of `armd demo` without options.
+#: The number of joints of `armd demo` without options.
 DEMO_JOINTS = 6
 
-#: What armd names after a state of its sources: a folder for numba, a library.
+#: Names that contain a hash of the sources: a folder for numba, a library.
 OF_A_VERSION = re.compile(
     rf"[0-9a-f]{{12}}|kernel_[0-9a-f]{{12}}(_({'|'.join(library.PARTS)}))?\..*"
 )
 
 
 def call_everything(path: Path, part: str = "") -> None:
-    """All compiled calls of `armd run` with this armd.toml, of commands that work on sessions, and
-    of those that work on tables; of a *part* of `library.PARTS` only those, and none for tables.
+    """Make all compiled calls of `armd run` with this armd.toml, and of the offline commands.
 
-    Raises `ArmdError` for a bad file.
+    The latter work on sessions or on tables. With a *part* of `library.PARTS`, make only its calls,
+    and none for tables. Raises `ArmdError` for a bad file.
     """
     config = load_config(path)
     if part != "sessions":
@@ -80,17 +81,17 @@ def call_everything(path: Path, part: str = "") -> None:
 
 
 def call_for_live_points(config: Config) -> None:
-    """The compiled calls of `armd run`."""
+    """Make the compiled calls of `armd run`."""
     run_rehearsal(config, ArmInUse(config))
-    if config.driver.kind != "replay":  # which opens its file; others open no port before they read
+    if config.driver.kind != "replay":  # replay opens its file; others open no port before `read`
         with closing(open_driver(config.driver, config.expectation)):
             pass
 
 
 def call_for_sessions(arm: Arm) -> None:
-    """The compiled calls of `armd calibrate`, `evaluate`, `diagnose`, `verify`.
+    """Make the compiled calls of `armd calibrate`, `evaluate`, `diagnose`, `verify`.
 
-    To import numba and fetch them from its cache takes longer than most of these commands do.
+    Importing numba and loading them from its cache takes longer than most of these commands.
     """
     q, constants = np.zeros((1, 1)), np.zeros(ParameterLayout(1).count)
     compute_frames(q, constants)
@@ -105,14 +106,14 @@ def call_for_sessions(arm: Arm) -> None:
 
 
 def call_for_uncertainties(arm: Arm) -> None:
-    """What `armd correct` and `armd.Corrector` call beside, whose compilation takes 10 s."""
+    """Make the further calls of `armd correct` and `armd.Corrector`: 10 s of compilation."""
     model = Model(arm, make_calibration(arm))
     states = make_states(arm)
     model.uncertainty_rows(states, model.slow_values(states))
 
 
 def make_states(arm: Arm) -> States:
-    """One state of the arm, at rest at its reference temperature."""
+    """Make one state of the arm, at rest at its reference temperature."""
     n = arm.n_joints
     return States(
         q=np.zeros((1, n)),
@@ -125,7 +126,7 @@ def make_states(arm: Arm) -> States:
 
 
 def make_calibration(arm: Arm) -> LoadedCalibration:
-    """That of the drawing, whose readings repeat to a micrometre."""
+    """Make a calibration with nominal constants and a repeatability of a micrometre."""
     content = Calibration(
         schema="armd.calibration/1",
         arm=arm.serial_number,
@@ -138,7 +139,7 @@ def make_calibration(arm: Arm) -> LoadedCalibration:
 
 
 def make_arm_folder(folder: Path, joints: int, configuration: str = SERIAL) -> Path:
-    """The armd.toml of an arm that nobody has."""
+    """Write an arm.toml and the armd.toml of a made-up arm; return the latter's path."""
     (folder / "arm.toml").write_text(ARM + joints * JOINT, encoding="utf-8")
     path = folder / "armd.toml"
     path.write_text(configuration, encoding="utf-8")
@@ -146,12 +147,14 @@ def make_arm_folder(folder: Path, joints: int, configuration: str = SERIAL) -> P
 
 
 def call(files: Iterable[Path], numbers: Sequence[int], part: str = "") -> None:
-    """As the daemons of these files do, and those of arms with these numbers of joints; or a *part*
-    of that, on a serial wire alone."""
+    """Make the calls of the daemons of these files, and of arms with these numbers of joints.
+
+    A *part* of them is made on a serial wire only.
+    """
     with tempfile.TemporaryDirectory() as folder:
         for joints in numbers:
             call_everything(make_arm_folder(Path(folder), joints), part)
-        if numbers and not part:  # what all wires but the serial one share is the same for any
+        if numbers and not part:  # all other wires need the same functions, so one is enough
             call_everything(make_arm_folder(Path(folder), N_JOINTS, MICROSCRIBE))
     for path in files:
         try:
@@ -161,7 +164,7 @@ def call(files: Iterable[Path], numbers: Sequence[int], part: str = "") -> None:
 
 
 def remove_others() -> None:
-    """Remove what other versions of armd, or for another Python, left where this one may write."""
+    """Remove the libraries of other versions of armd or of Python, where this one may write."""
     own_names = {path.name for path in library.list_places()}
     for folder in library.list_written_places():
         if not (folder.is_dir() and os.access(folder, os.W_OK)):
@@ -175,7 +178,7 @@ def remove_others() -> None:
 
 
 def keep_in_environment() -> None:
-    """Copy a library that lies in the cache alone, which somebody may empty."""
+    """Copy a library from the cache into the environment, as a cache may be emptied."""
     folder, cache = library.list_written_places()[0], library.locate_cache()
     files = [
         Path(module.__file__) for module in library.load_libraries() if module.__file__ is not None
@@ -186,23 +189,25 @@ def keep_in_environment() -> None:
     with tempfile.TemporaryDirectory(dir=folder) as temporary_folder:
         for path in only_cached:
             copy = Path(shutil.copy(path, temporary_folder))
-            copy.replace(folder / path.name)  # whole, or not at all
+            copy.replace(folder / path.name)  # complete, or not at all
 
 
 def can_link() -> bool:
-    """Whether a library can be made here."""
+    """Return whether a library can be made here."""
     if os.environ.get("ARMD_PLAIN_NUMBA"):
         return False
     try:
         from armd.compiled import numba_inside
-    except ImportError:  # numba, or what armd uses of it
+    except ImportError:  # numba, or its internals that armd uses
         return False
     return numba_inside.can_link()
 
 
 def make_library_apart() -> bool:
-    """Whether it could be made, in the first folder that takes it; by a process of its own: what
-    goes into a library cannot come from numba's cache."""
+    """Make the library in a process of its own; return whether it succeeded.
+
+    The first usable folder gets it. Functions for a library cannot come from numba's cache.
+    """
     folder = next(filter(library.is_usable, library.list_written_places()), None)
     if folder is None:
         return False
@@ -211,7 +216,7 @@ def make_library_apart() -> bool:
 
 
 def make_library(args: argparse.Namespace, numbers: Sequence[int]) -> int:
-    """Make it in the folder that *args* name; the exit code."""
+    """Make the library in the folder that *args* name; return the exit code."""
     if not can_link():
         print(
             "armd: found no C++ compiler, numba and setuptools to make a library", file=sys.stderr

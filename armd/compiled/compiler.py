@@ -1,6 +1,6 @@
-"""Numba as armd uses it: compiled once, cached in a folder of armd's own.
+"""Numba as armd uses it: compiles once, and caches in a folder of armd's own.
 
-With ARMD_PLAIN_NUMBA=1 (anything but empty): its documented functions alone, without a cache.
+With ARMD_PLAIN_NUMBA=1 (anything but empty) it uses only documented functions, without a cache.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ else:
 
 
 def keep_nothing() -> None:
-    """From here on functions are compiled anew: one from the cache cannot go into a library."""
+    """Compile all functions from now on: cached ones cannot go into a library."""
     global _cached
     _cached = False
 
 
 def make_dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """Numba's dispatcher of *function*, which compiles it at its first call."""
+    """Make numba's dispatcher of *function*, which compiles it at its first call."""
     if PLAIN:
         return numba.njit(**_OPTIONS, **options)(function)
     options = _OPTIONS | numba_inside.OPTIONS | options
@@ -49,8 +49,8 @@ def make_dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> An
 
 
 def call_at_compiling(say: Callable[[], None]) -> None:
-    """Call *say* once, where a function is about to be compiled and not taken from the cache."""
-    if PLAIN:  # which takes nothing from a cache
+    """Call *say* once, before a function is compiled that is not in the cache."""
+    if PLAIN:  # there is no cache then
         say()
     else:
         numba_inside.call_at_first_compilation(say)

@@ -1,7 +1,7 @@
-"""Compiled functions: from the library that was made ahead; where it has none, by numba.
+"""Compiled functions: from the library made in advance, or else compiled by numba.
 
-Numba is imported when it is first needed. Where the library has everything, as for a daemon, it is
-not: numba and its compiler take 140 MB and half a second.
+Numba is imported when it is first needed. Where the library has all functions, as for a daemon, it
+is not imported: numba and its compiler take 140 MB and half a second.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 from armd.compiled import library
 from armd.errors import BadInput
 
-#: What to do where a service may not compile.
+#: The advice where a service may not compile.
 FOR_NUMBA = (
     "that it may, as this function is not in the library of compiled ones: "
     "MemoryDenyWriteExecute=no in the unit, as deploy/compiles.conf says it"
@@ -24,26 +24,25 @@ F = TypeVar("F", bound=Callable[..., Any])
 #: `library.describe_kind` of each argument.
 Kinds = tuple[Hashable, ...]
 
-#: All there are.
+#: All compiled functions.
 FUNCTIONS: list[Compiled] = []
 
 
 class Compiled:
-    """A function that is called with arguments of few kinds, compiled for each of them.
+    """A function that is called with few combinations of argument types, compiled for each.
 
-    Each call looks at the kinds of its arguments: machine code would take others for what it
-    expects. Of those that are the last call's own, which most are, they are known. Numba's
-    attributes of the function are looked up in `by_numba`. What is called for every live sample
-    asks once, by `settled`.
+    Each call checks the types of its arguments, because machine code does not. Arguments that are
+    the same objects as in the last call need no check. Numba's attributes of the function are
+    looked up in `by_numba`. Calls for every live sample check once, by `settled`.
     """
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
         functools.update_wrapper(self, function)
         self.name = f"{function.__module__}.{function.__qualname__}"
         self._options = options
-        #: by the kinds of arguments that there were so far
+        #: by the types of arguments so far
         self.entries: dict[Kinds, Callable[..., Any]] = {}
-        #: arguments, their kinds, and what was called: one value, for calls from other threads
+        #: arguments, their types, and the function called: one value, as other threads may call
         self._last: tuple[tuple[Any, ...], Kinds, Callable[..., Any]] = (), (), self._first
         FUNCTIONS.append(self)
 
@@ -59,7 +58,7 @@ class Compiled:
         return self._first(*args)
 
     def _first(self, *args: Any) -> Any:
-        """A call that differs from the last in kind; or one by numba, which looks by itself."""
+        """Make a call with other types than the last one; or one by numba, which checks itself."""
         kinds = tuple(map(library.describe_kind, args))
         entry = self._entry(kinds)
         if entry is not self.__dict__.get("by_numba"):
@@ -67,9 +66,9 @@ class Compiled:
         return entry(*args)
 
     def settled(self, *args: Any) -> Callable[..., Any]:
-        """What calls with arguments of these kinds call; for one who never calls it with others.
+        """Return the function for arguments of these types, for a caller that never uses others.
 
-        Nobody looks at its arguments: that costs a live sample as much as some of what is called.
+        It does not check its arguments: for a live sample, a check costs as much as some calls.
         """
         return self._entry(tuple(map(library.describe_kind, args)))
 
@@ -81,14 +80,14 @@ class Compiled:
 
     @functools.cached_property
     def by_numba(self) -> Any:
-        """What numba makes of it, which compiles it for any kind of arguments.
+        """Numba's dispatcher of the function, which compiles it for any types of arguments.
 
         Raises `ModuleNotFoundError` where numba is not installed, `BadInput` where no machine code
         may be written to memory.
         """
         try:
             from armd.compiled import compiler
-        except PermissionError as error:  # of llvmlite, which tries it when it is imported
+        except PermissionError as error:  # llvmlite tries it at its import
             obstacle = "that no machine code may be written to memory (MemoryDenyWriteExecute)"
             raise BadInput("numba", self.name, obstacle, FOR_NUMBA) from error
 
@@ -97,17 +96,17 @@ class Compiled:
         return compiler.make_dispatcher(self.__wrapped__, self._options)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # which Python asks for of any object
+        if name.startswith("__"):  # Python asks every object for these
             raise AttributeError(name)
         return getattr(self.by_numba, name)
 
 
-#: What `compiler.call_at_compiling` is to call, once there is a compiler.
+#: Functions for `compiler.call_at_compiling`, once there is a compiler.
 _SAY: list[Callable[[], None]] = []
 
 
 def call_at_compiling(say: Callable[[], None]) -> None:
-    """Call *say* once, where a function is about to be compiled and not taken from the cache."""
+    """Call *say* once, before a function is compiled that is not in the cache."""
     _SAY.append(say)
 
 
@@ -120,19 +119,19 @@ def jit(function: F) -> F:
 
 
 def select_compiled(function: Callable[..., Any], *args: Any) -> Callable[..., Any]:
-    """`Compiled.settled` of a function under `jit`, whose type hides what it is."""
+    """Return `Compiled.settled` of a function under `jit`, whose type hides that method."""
     return cast(Compiled, function).settled(*args)
 
 
 def unlocked(function: F) -> F:
-    """Like `jit`, for work on many rows: meanwhile other threads may run Python."""
+    """Compile like `jit`, for work on many rows: other threads may run Python meanwhile."""
     return cast(F, Compiled(function, {"nogil": True}))
 
 
 def inlined(function: F) -> F:
-    """Like `jit`, for an inner loop: LLVM writes it out wherever it is called, which compiled
-    functions alone can do.
+    """Compile like `jit`, for an inner loop: LLVM inlines it in the compiled functions that call
+    it.
 
-    A call passes each array as seven words, which takes as long as a loop over 64 samples does.
+    A call passes each array as seven words, which takes as long as a loop over 64 samples.
     """
     return cast(F, Compiled(function, {"forceinline": True}))

@@ -1,8 +1,8 @@
-"""The library of functions compiled ahead: machine code that needs no compiler to be loaded.
+"""The library of functions compiled in advance: machine code that needs no compiler.
 
-`armd.compiled.ahead` makes it, of every function that a daemon calls, for the kinds of arguments
-that it calls them with. A function is found in it by its name and these kinds; where it is not,
-numba compiles it (`armd.compiled.jit`).
+`armd.compiled.ahead` makes it, with every function that a daemon calls, for the types of its
+arguments. A function is found by its name and these types. If it is missing, numba compiles it
+(`armd.compiled.jit`).
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from typing import Any
 import numpy as np
 import platformdirs
 
-#: Of numpy's flags of an array: contiguous in C's order (0x1), aligned (0x100), writeable (0x400).
+#: Bits of numpy's flags of an array: C-contiguous (0x1), aligned (0x100), writeable (0x400).
 LAYOUT = 0x501
-#: Of a library, two that can be made beside each other: for live points, and for sessions.
+#: The parts of a library that can be made in parallel: for live points, and for sessions.
 PARTS = ("live", "sessions")
-#: Scalars by what they become in a compiled function.
+#: Python's and numpy's scalars, and their types in a compiled function.
 _SCALARS: dict[type, str] = {
     bool: "b1", np.bool: "b1", int: "i8", np.int64: "i8", float: "f8", np.float64: "f8",
 }  # fmt: skip
 
 
 def locate_cache() -> Path:
-    """NUMBA_CACHE_DIR if set, else systemd's CACHE_DIRECTORY, else the user's cache folder."""
+    """Return NUMBA_CACHE_DIR if set, else systemd's CACHE_DIRECTORY, else the user's folder."""
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         return Path(chosen).absolute()
     if chosen := os.environ.get("CACHE_DIRECTORY"):
@@ -43,13 +43,15 @@ def locate_cache() -> Path:
 
 
 def locate_environment() -> Path | None:
-    """Of this virtual environment: what lies there goes with the installation, whatever becomes of
-    a cache. None outside of one."""
+    """Return the folder in this virtual environment; None outside of one.
+
+    Files there belong to the installation, and stay if a cache is emptied.
+    """
     return Path(sys.prefix) / "share" / "armd" if sys.prefix != sys.base_prefix else None
 
 
 def is_usable(folder: Path) -> bool:
-    """Whether files can be kept there; a user without a home has a path that begins with ~."""
+    """Return whether files can be kept there; without a home, a path begins with ~."""
     if not folder.is_absolute():
         return False
     try:
@@ -63,12 +65,12 @@ def is_usable(folder: Path) -> bool:
 
 @functools.cache
 def hash_sources() -> str:
-    """What tells one state of the compiled functions' sources from another.
+    """Hash the sources of the compiled functions.
 
-    Numba compiles a function anew when its own file has changed, not when a function it calls has
-    changed in another file, or a constant: so every state of them all has a folder, and a library,
-    of its own. Constants stand beside what is compiled, or in armd's own folder. Which calls a
-    library is made for, `ahead` and `rehearsal` say.
+    Numba compiles a function again when its own file has changed, but not when a called function in
+    another file, or a constant, has changed. So every state of all sources has its own folder and
+    library. Constants are in the files of compiled functions, or in armd's own folder. `ahead` and
+    `rehearsal` define the calls for which a library is made.
     """
     rooms = Path(__file__).parents[1]
     deciding = ("compiler.py", "numba_inside.py", "ahead.py", "rehearsal.py")
@@ -85,37 +87,37 @@ def hash_sources() -> str:
 
 
 def name_file(part: str = "") -> str:
-    """The library's, for this state of the sources and this Python; or that of one of `PARTS`."""
+    """Name the library of these sources and this Python; or that of one of `PARTS`."""
     part = part and f"_{part}"
     return f"kernel_{hash_sources()}{part}{sysconfig.get_config_var('EXT_SUFFIX')}"
 
 
 def list_places() -> tuple[Path, ...]:
-    """Where the library or its parts may lie: delivered with armd, or made here."""
+    """List where the library or its parts may be: delivered with armd, or made here."""
     folders = (Path(__file__).parents[1], *list_written_places())
     return tuple(folder / name_file(part) for folder in folders for part in ("", *PARTS))
 
 
 def list_written_places() -> tuple[Path, ...]:
-    """Where a library is kept that is made here: the first of them that can be written to."""
+    """List where a library may be written; the first writable folder gets it."""
     environment = locate_environment()
     return (locate_cache(),) if environment is None else (environment, locate_cache())
 
 
 def disable_library() -> None:
-    """From here on nothing is found in a library: for one to be made."""
+    """Find nothing in a library from now on, because one is being made."""
     global _without
     _without = True
 
 
-#: With ARMD_WITHOUT_LIBRARY=1 (anything but empty) numba compiles all that is called: for tests,
-#: and for one who suspects the library.
+#: With ARMD_WITHOUT_LIBRARY=1 (anything but empty) numba compiles all called functions: for tests,
+#: and to exclude the library as a cause of errors.
 _without = bool(os.environ.get("ARMD_WITHOUT_LIBRARY"))
 
 
 @functools.cache
 def load_libraries() -> tuple[ModuleType, ...]:
-    """The library, or its parts; none where there is none that this machine can load."""
+    """Load the library, or its parts; none where this machine can load none."""
     parts: list[ModuleType] = []
     for path in list_places():
         if _without or not path.exists():
@@ -135,14 +137,14 @@ def load_libraries() -> tuple[ModuleType, ...]:
 
 
 def find(name: str, kinds: Hashable) -> Callable[..., Any] | None:
-    """The function *name* (module.function) for arguments so; None where no library has it."""
+    """Find the function *name* (module.function) for these argument types; None if missing."""
     as_exported = name_symbol(name, kinds)
     found_in = (library for library in load_libraries() if hasattr(library, as_exported))
     return next((getattr(library, as_exported) for library in found_in), None)
 
 
 def describe_kind(value: Any) -> Hashable:
-    """What a compiled function needs to know of an argument beforehand."""
+    """Return the type of an argument, as far as a compiled function depends on it."""
     if type(value) is np.ndarray:
         return value.dtype, value.ndim, value.flags.num & LAYOUT
     if isinstance(value, tuple):
@@ -152,13 +154,13 @@ def describe_kind(value: Any) -> Hashable:
 
 
 def name_symbol(name: str, kinds: Hashable) -> str:
-    """Under which the library has the function *name* (module.function) for arguments so."""
+    """Name the library's symbol of the function *name* (module.function) for these types."""
     digest = hashlib.sha256(_written(kinds).encode()).hexdigest()[:12]
     return f"{name.replace('.', '_')}_{digest}"
 
 
 def _written(kinds: Hashable) -> str:
-    """The same in every run of every numpy."""
+    """Write the types as text that is the same in every run and every numpy."""
     match kinds:
         case tuple():
             return f"({', '.join(map(_written, kinds))})"

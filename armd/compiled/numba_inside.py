@@ -1,10 +1,10 @@
-"""All that touches numba's inside, and nothing else of armd does: four patches, its events, its
-level of optimisation, its ahead-of-time compiler.
+"""All uses of numba's internals: patches, events, optimisation level, ahead-of-time compiler.
 
-Numba may change any of it without notice, so pyproject.toml has an upper bound for its version, and
-tests/package/test_numba_inside.py says of each what changed. With ARMD_PLAIN_NUMBA=1 (anything but
-empty) nothing here is used: functions are compiled by `numba.njit` in every process, and kept
-nowhere. A library of compiled functions that was made before is still loaded: it needs no numba.
+There are four patches. Numba may change any of it without notice, so pyproject.toml has an upper
+bound for its version, and tests/package/test_numba_inside.py reports each change. With
+ARMD_PLAIN_NUMBA=1 (anything but empty) nothing here is used: `numba.njit` compiles functions in
+every process, and nothing is kept. A library of compiled functions that was made before is still
+loaded: it needs no numba.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from numba.core.types.misc import unliteral
 from armd.compiled import library
 from armd.errors import BadInput
 
-#: Nobody calls by C's convention: what would make it possible is not compiled.
+#: No function is called from C, so no wrapper for it is compiled.
 OPTIONS: dict[str, Any] = {"no_cfunc_wrapper": True}
-#: As `OPTIONS`, for what compiled functions alone call.
+#: Further options of functions that only compiled functions call.
 INLINED_OPTIONS: dict[str, Any] = {"no_cpython_wrapper": True}
 
 _SCALARS = {"b1": types.boolean, "i8": types.int64, "f8": types.float64}
 
 
 def keep_cache_in(folder: Path) -> None:
-    """Make numba cache in *folder*: an unreadable file costs a compilation, and no more; records of
-    different layouts have different names.
+    """Make numba cache in *folder*, and name records of different layouts differently.
 
-    Numba's default is `__pycache__` beside the source, which a service may not write to, and where
-    what a called function was compiled to may be out of date.
+    An unreadable file costs a compilation, and no more. Numba's default is `__pycache__` beside the
+    source. A service may not write to it, and the code of called functions in it may be out of
+    date.
     """
     numba.config.CACHE_DIR = str(folder)
     FunctionCache._guard_against_spurious_io_errors = _forgive
@@ -63,15 +63,15 @@ def _name_by_layout(record: Record) -> tuple[str, tuple[str, ...]]:
 
 
 def is_cached_in(folder: Path, dispatcher: Any) -> bool:
-    """Whether numba keeps this function's code below *folder*."""
+    """Return whether numba keeps this function's code below *folder*."""
     return folder in Path(dispatcher.stats.cache_path).parents
 
 
 def compile_once(dispatcher: Any) -> Any:
-    """*dispatcher*, compiled once for all constants that compiled functions call it with.
+    """Return *dispatcher*, changed so that constants as arguments do not compile it again.
 
-    Numba would compile it anew for each of them. LLVM sees them too where it writes the function
-    out, and that is where it matters.
+    Numba would compile it for each constant. LLVM still knows the constants where it inlines the
+    function, and only there they matter.
     """
     template = dispatcher.get_call_template
 
@@ -84,7 +84,7 @@ def compile_once(dispatcher: Any) -> Any:
 
 
 def call_at_first_compilation(say: Callable[[], None]) -> None:
-    """Call *say* once, where a function is about to be compiled and not taken from the cache."""
+    """Call *say* once, before a function is compiled that is not in the cache."""
     register("numba:compile", _Once(say))
 
 
@@ -103,10 +103,11 @@ class _Once(Listener):  # type: ignore[misc]
 
 @contextmanager
 def skip_optimisation() -> Iterator[None]:
-    """Within this `with`, functions are compiled in less time, for one call that says what their
-    results are: `write_library` optimises all of them again, as a whole.
+    """Compile functions in less time within this `with`, for one call of each.
 
-    Before anything else is compiled in this process: numba chooses how it writes machine code once.
+    The call determines the types of their results; `write_library` then optimises all of them
+    together. It must come before any other compilation in this process, because numba chooses only
+    once how to write machine code.
     """
     level = numba.config.OPT
     numba.config.OPT = type(level)(0)
@@ -117,17 +118,17 @@ def skip_optimisation() -> Iterator[None]:
 
 
 def can_link() -> bool:
-    """Whether a library can be made here: a compiler for C and C++ that also links, setuptools."""
+    """Return whether a library can be made here: needs a C and C++ compiler, and setuptools."""
     try:
         with _without_deprecation():
             from numba.pycc.platform import external_compiler_works
-    except ImportError:  # setuptools, or a numba that has it no more
+    except ImportError:  # setuptools is missing, or numba no longer has it
         return False
     return bool(external_compiler_works())
 
 
 class Exportable(Protocol):
-    """A function, what was called by the kinds of its arguments so far, and numba's dispatcher."""
+    """A function, its calls by argument types so far, and numba's dispatcher."""
 
     name: str
     entries: dict[tuple[Hashable, ...], Callable[..., Any]]
@@ -137,17 +138,17 @@ class Exportable(Protocol):
 
 
 def write_library(path: Path, functions: Sequence[Exportable]) -> None:
-    """Write *functions*, for all kinds of arguments they were called with so far, to *path*.
+    """Write *functions*, for all argument types they were called with so far, to *path*.
 
-    For any processor of this kind: what is delivered to another is the same, and so are results.
-    Raises `BadInput` where it cannot be compiled or linked.
+    The code is for any processor of this kind: it and its results are the same on each. Raises
+    `BadInput` where it cannot be compiled or linked.
     """
     with _without_deprecation():
         from numba.pycc import CC
     from setuptools.errors import CCompilerError
 
     if not any(function.entries for function in functions):
-        return  # one without functions would only be in the way of another
+        return  # an empty library would hide another one
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         compiler = CC(path.name.partition(".")[0], source_module=__name__)
         compiler.output_dir, compiler.output_file = folder, path.name
@@ -163,16 +164,18 @@ def write_library(path: Path, functions: Sequence[Exportable]) -> None:
         try:
             with _released():
                 compiler.compile()
-        except CCompilerError as error:  # Python's headers, a package of their own in Debian
+        except CCompilerError as error:  # e.g. Python's headers, which Debian packages separately
             expected = "a compiler for C and C++, and Python's headers"
             raise BadInput(path, "library of compiled functions", str(error), expected) from error
-        (Path(folder) / path.name).replace(path)  # whole, or not at all
+        (Path(folder) / path.name).replace(path)  # complete, or not at all
 
 
 @contextmanager
 def _released() -> Iterator[None]:
-    """Within this `with`, what is exported lets other threads run Python meanwhile if it has
-    `releases`: numba's ahead-of-time compiler does that for no function."""
+    """Let exported functions with `releases` run beside Python threads, within this `with`.
+
+    Numba's ahead-of-time compiler does that for no function.
+    """
     with _without_deprecation():
         from numba.pycc import compiler
     compile_extra = compiler.compile_extra
@@ -193,20 +196,20 @@ def _released() -> Iterator[None]:
 
 @contextmanager
 def _without_deprecation() -> Iterator[None]:
-    """Nothing replaces `numba.pycc` yet."""
+    """Ignore the deprecation of `numba.pycc`, which nothing replaces yet."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", numba.NumbaPendingDeprecationWarning)
         yield
 
 
 def _forwarder(dispatcher: Any, n: int) -> Any:
-    """A function of *n* arguments that calls it: the options it was compiled with stay its own."""
+    """Make a function of *n* arguments that calls *dispatcher*, which keeps its own options."""
     names = ", ".join(f"a{i}" for i in range(n))
     return eval(f"lambda {names}: function({names})", {"function": dispatcher})
 
 
 def _numba_type(kind: Hashable) -> Any:
-    """Numba's type of what has this `library.describe_kind`."""
+    """Return numba's type of a value with this `library.describe_kind`."""
     match kind:
         case (np.dtype() as dtype, int(ndim), int(flags)):
             layout, aligned, readonly = (

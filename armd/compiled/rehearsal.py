@@ -1,5 +1,6 @@
-"""Everything the stream needs, run once on made-up samples, so that it is compiled before the
-daemon says ready."""
+"""Runs the live pipeline once on made-up samples, so that it is compiled before the daemon is
+ready.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from armd.drivers.sample import Temperatures, sample_dtype
 
 
 def run_rehearsal(config: Config, arm: ArmInUse) -> None:
-    """Leaves no trace in *arm*: a pipeline of its own does the work."""
+    """Run a pipeline of its own, without a change of *arm*."""
     pipeline = Pipeline(config.arm, arm.calibration, config.file.limits)
     celsius = np.full(len(config.arm.sensors), config.arm.reference_temperature_c)
     pipeline.take_temperatures(Temperatures(celsius, 0, 0, 0))

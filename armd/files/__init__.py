@@ -1,1 +1,1 @@
-"""Files read and written: checked, whole or not at all, one form of words for what is wrong."""
+"""Reading and writing of files: checked, complete or not at all, with uniform error messages."""

@@ -1,7 +1,7 @@
-"""Files of others, read safely: regular ones only, once, and no more of them than was agreed.
+"""Reads files of others safely: only regular files, once, up to a limit of size.
 
-A FIFO would be waited for, a device never ends, and what is parsed costs many times its length in
-memory; whatever the system refuses becomes a `BadInput` in words.
+A FIFO would block, a device never ends, and parsing costs many times a file's length in memory.
+Each refusal of the system becomes a `BadInput` in words.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from armd.errors import BadInput
 from armd.files.locking import O_CLOEXEC, O_NONBLOCK
 from armd.terminal.suggest import list_folder, suggest_path
 
-#: What a person or armd writes as JSON: a covariance of 300 parameters takes 2.5 MB.
+#: The largest JSON file: a covariance of 300 parameters takes 2.5 MB.
 MOST_JSON_BYTES = 8 << 20
-#: What a person writes by hand: a thousand targets of an artefact take 100 kB.
+#: The largest TOML file: a thousand targets of an artefact take 100 kB.
 MOST_TOML_BYTES = 1 << 18
 
 _log = logging.getLogger(__name__)
@@ -44,9 +44,9 @@ _REFUSALS = {
 
 
 def open_input(path: str | Path) -> BufferedReader:
-    """Open a regular file for reading, without ever waiting for it; raises `BadInput`."""
+    """Open a regular file for reading, without ever blocking; raises `BadInput`."""
     try:
-        # Not blocking: to open a FIFO would else last until somebody writes to it.
+        # Non-blocking: otherwise opening a FIFO waits for a writer.
         handle = os.open(path, os.O_RDONLY | O_NONBLOCK | O_CLOEXEC)
     except OSError as error:
         raise _refused(path, error) from error
@@ -63,7 +63,7 @@ def open_input(path: str | Path) -> BufferedReader:
 
 
 def read_input(path: str | Path, at_most: int = MOST_JSON_BYTES) -> bytes:
-    """The bytes of a regular file, read once.
+    """Return the bytes of a regular file, read once.
 
     Raises `BadInput` for one that cannot be read, is no regular file or has more than *at_most*.
     """
@@ -79,14 +79,16 @@ def read_input(path: str | Path, at_most: int = MOST_JSON_BYTES) -> bytes:
 
 
 def hash_input(path: str | Path) -> str:
-    """SHA-256 of a file's bytes, hexadecimal; raises `BadInput`."""
+    """Return the SHA-256 of a file's bytes, hexadecimal; raises `BadInput`."""
     with open_input(path) as content:
         return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 def check_input(path: str | Path) -> None:
-    """Raise `BadInput` unless *path* is a regular file that can be opened: for libraries that
-    open it by name."""
+    """Raise `BadInput` unless *path* is a regular file that can be opened.
+
+    For libraries that open it by name.
+    """
     open_input(path).close()
 
 

@@ -1,10 +1,10 @@
-"""One writer at a time: a lock on an open file or folder, which ends with its handle."""
+"""A lock for one writer at a time, on an open file or folder; it ends with its handle."""
 
 from __future__ import annotations
 
 import os
 
-#: What only POSIX has of the flags of `os.open`; none elsewhere.
+#: Flags of `os.open` that only POSIX has; 0 elsewhere.
 O_CLOEXEC: int = getattr(os, "O_CLOEXEC", 0)
 O_NOFOLLOW: int = getattr(os, "O_NOFOLLOW", 0)
 O_NONBLOCK: int = getattr(os, "O_NONBLOCK", 0)
@@ -12,8 +12,11 @@ O_NOCTTY: int = getattr(os, "O_NOCTTY", 0)
 
 
 def lock_file(handle: int, *, wait: bool) -> None:
-    """Lock what *handle* has open, alone; raises `BlockingIOError` where another has it and *wait*
-    is false. Without `fcntl` (Windows) nothing is locked: one user at a time is then the rule."""
+    """Lock the file or folder that *handle* has open.
+
+    Raises `BlockingIOError` where another process has locked it and *wait* is false. Without
+    `fcntl` (Windows) nothing is locked: then only one user may write at a time.
+    """
     try:
         import fcntl
     except ImportError:

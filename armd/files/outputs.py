@@ -1,8 +1,8 @@
-"""What a command may write over; the rule is that of docs/decisions/0016.
+"""Decides which files a command may overwrite, by the rule of docs/decisions/0016.
 
 A command checks all its outputs with `check_outputs` before it begins. An input of the run is never
-written over. A file of the kind that the command writes is, for it can be had again; anything else
-only with --force.
+overwritten. A file of the kind that the command writes is, because it can be made again. Anything
+else needs --force.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ SESSION_FILES = ("session.toml", "readings.csv", "readings.parquet")
 
 @dataclass(frozen=True)
 class OutputKind:
-    """A kind of output, and how one that was written before is told: by its first 64 kB
-    and its last bytes."""
+    """A kind of output, and the test of an existing file by its first 64 kB and its last bytes."""
 
     name: str
     told_by: Callable[[bytes], bool] | None
@@ -34,7 +33,7 @@ class OutputKind:
 
 
 def _json_key(head: bytes, key: str) -> str | None:
-    """The text of the first `"key": …` of a JSON object, without quotation marks."""
+    """Return the text of the first `"key": …` of a JSON object, without quotation marks."""
     text = head.decode("utf-8", "replace")
     match = re.search(rf'"{key}"\s*:\s*"?([^",}}\n]*)', text)
     return match[1] if match and text.lstrip().startswith("{") else None
@@ -51,10 +50,10 @@ def _is_result(head: bytes) -> bool:
 
 
 def has_columns(*names: str) -> Callable[[bytes], bool]:
-    """Whether a table's first line has these columns."""
+    """Return a test whether a table's first line has these columns."""
 
     def header_has_names(head: bytes) -> bool:
-        if head.startswith(b"PAR1"):  # Parquet says its columns at its end
+        if head.startswith(b"PAR1"):  # Parquet has its columns at the end
             return True
         line = head.split(b"\n")[0].decode("utf-8-sig", "replace")
         header = next(csv.reader([line]), [])
@@ -64,7 +63,7 @@ def has_columns(*names: str) -> Callable[[bytes], bool]:
 
 
 def _is_settings(head: bytes) -> bool:
-    settings_keys = ("plants", "encoder_eccentricity_arcsec")  # of a campaign; of a printed arm
+    settings_keys = ("plants", "encoder_eccentricity_arcsec")  # a campaign; a printed arm
     return any(_json_key(head, key) is not None for key in settings_keys)
 
 
@@ -95,7 +94,7 @@ FAULT_LOG = OutputKind("a simulator's fault log", lambda head: head.startswith(b
 
 
 def add_force(parser: argparse.ArgumentParser) -> None:
-    """The option --force, the same for every command that writes."""
+    """Add the option --force, the same for every command that writes."""
     parser.add_argument(
         "--force",
         action="store_true",
@@ -110,7 +109,7 @@ def check_outputs(
 ) -> None:
     """Raise `BadInput` unless each of *outputs* (option → path, kind) can and may be written.
 
-    *inputs* are the files and session folders that the run reads; paths that are None are left out.
+    *inputs* are the files and session folders that the run reads; paths that are None are skipped.
     """
     read = _files_of(inputs)
     path_by_option: dict[str, Path] = {}
@@ -120,7 +119,7 @@ def check_outputs(
         path = Path(name)
         check_place(path)
         if os.path.lexists(path) and not path.is_file():
-            continue  # a device or pipe, which keeps nothing
+            continue  # a device or pipe stores nothing
         _check_not_read(path, option, read)
         for earlier_option, earlier_path in path_by_option.items():
             if is_same_place(path, earlier_path):
@@ -137,8 +136,10 @@ def check_same(
     force: bool,
     inputs: Iterable[str | Path | None] = (),
 ) -> None:
-    """Raise `BadInput` if *path* is there with another content than *content*: for what a person
-    may have written or measured. To write the same once more takes nothing away."""
+    """Raise `BadInput` if *path* exists with another content than *content*.
+
+    For files that a user may have written or measured. Writing the same content again is harmless.
+    """
     check_place(path)
     _check_not_read(path, "the file", _files_of(inputs))
     data = content.encode() if isinstance(content, str) else content
@@ -148,7 +149,7 @@ def check_same(
 
 
 def check_output_folder(folder: Path) -> None:
-    """Raise `BadInput` unless *folder* can be made, or be written in."""
+    """Raise `BadInput` unless *folder* can be made, or files can be written in it."""
     if os.path.lexists(folder):
         check_folder(folder)
         return
@@ -173,7 +174,7 @@ def _check_kind(path: Path, option: str, kind: OutputKind) -> None:
 
 
 def _describe_file(path: Path, head: bytes) -> str:
-    """In words, what stands where an output should go."""
+    """Describe, in words, the file that exists where an output should go."""
     if head.startswith(b"\x89MCAP"):
         return "a recording, which cannot be had again"
     if path.name in SESSION_FILES:
@@ -191,6 +192,6 @@ def _check_not_read(path: Path, option: str, inputs: Iterable[Path]) -> None:
 
 
 def _files_of(inputs: Iterable[str | Path | None]) -> list[Path]:
-    """The files that a run reads; of a session folder those in it."""
+    """List the files that a run reads; of a session folder, those in it."""
     files = [Path(path) for path in inputs if path is not None]
     return files + [path / name for path in files if path.is_dir() for name in SESSION_FILES]

@@ -1,4 +1,4 @@
-"""Files a person writes, checked; every fault names file, key, found and expected."""
+"""Checks files that users write; every error names file, key, found and expected."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ class Strict(BaseModel):
 
 Content = TypeVar("Content", bound=BaseModel)
 
-#: Each may be wrong in a way of its own, which takes 2 kB; 300 parameters have a covariance of
-#: 90,000.
+#: The most values of a file: each may have its own error of 2 kB. A covariance of 300 parameters
+#: has 90,000.
 MOST_VALUES = 100_000
 MOST_FAULTS = 100
 MOST_DOTS = 1000
 INTEGER_BITS = 63
-#: Letters of what was found.
+#: The most letters of a found value.
 MOST_SHOWN = 80
-#: What people call a file that says of itself that it is …
+#: The usual name of a file with this schema.
 FILES = {
     "'armd.arm/1'": "an arm.toml",
     "'armd.daemon/1'": "an armd.toml",
@@ -50,11 +50,11 @@ FILES = {
 #: A number of TOML with a decimal comma.
 _DECIMAL_COMMA = re.compile(r"\s*[\w.\"-]+\s*=\s*([+-]?\d+),(\d+)\s*(?:#.*)?$")
 
-#: What editors on Windows put before a text.
+#: Byte order marks, which editors on Windows put before a text.
 MARKS = {codecs.BOM_UTF8: "UTF-8", codecs.BOM_UTF16_LE: "UTF-16", codecs.BOM_UTF16_BE: "UTF-16"}
 
-#: The type of a `PydanticCustomError` by which a model's own check names a key of the model: its
-#: context has `key`, `found` and `expected`.
+#: The type of a `PydanticCustomError` with which a model's own check names a key: its context has
+#: `key`, `found` and `expected`.
 KEY_FAULT = "armd_key"
 
 
@@ -79,10 +79,10 @@ def parse_json(path: str | Path, content: bytes, model: type[Content]) -> Conten
 
 
 def decode_toml(path: str | Path, content: bytes) -> dict[str, Any]:
-    """The tables of a TOML file, of no model yet; raises `BadInput`."""
+    """Return the tables of a TOML file, not checked by a model; raises `BadInput`."""
     text = _text(path, content)
     dots = max(line.count(".") for line in text.split("\n"))
-    if dots > MOST_DOTS:  # a key of n parts takes tomllib n² steps
+    if dots > MOST_DOTS:  # tomllib needs n² steps for a key of n parts
         raise BadInput(path, "TOML", f"a line with {dots} dots", f"{MOST_DOTS} at most")
     try:
         data = tomllib.loads(text)
@@ -99,8 +99,11 @@ def decode_toml(path: str | Path, content: bytes) -> dict[str, Any]:
 
 
 def _refuse_long_integers(path: str | Path, location: str, value: Any) -> None:
-    """TOML's integers have 64 bits; Python's parser takes any number of hexadecimal digits, which
-    nothing after it can write as decimal ones."""
+    """Raise `BadInput` for integers over 64 bits, the limit of TOML.
+
+    Python's parser accepts any number of hexadecimal digits, and such a number cannot be written as
+    decimal text afterwards.
+    """
     if isinstance(value, dict):
         for key, below in value.items():
             _refuse_long_integers(path, f"{location}.{key}" if location else key, below)
@@ -113,7 +116,7 @@ def _refuse_long_integers(path: str | Path, location: str, value: Any) -> None:
 
 
 def load_json_data(path: str | Path, content: bytes) -> Any:
-    """The value of a JSON file, of no model yet; raises `BadInput`."""
+    """Return the value of a JSON file, not checked by a model; raises `BadInput`."""
     text = _text(path, content)
     try:
         return decode_json_text(text)
@@ -131,7 +134,7 @@ def load_json_data(path: str | Path, content: bytes) -> Any:
 
 
 class KeyTwice(ValueError):
-    """Of a JSON object two values have one key."""
+    """A JSON object has two values with one key."""
 
     def __init__(self, key: str, values: list[Any]) -> None:
         self.key = key
@@ -140,8 +143,10 @@ class KeyTwice(ValueError):
 
 
 def decode_json_text(text: str | bytes) -> Any:
-    """The value of a JSON text; raises `KeyTwice` where the last of two would count in silence,
-    otherwise what `json.loads` does."""
+    """Return the value of a JSON text; raises `KeyTwice` for a repeated key.
+
+    `json.loads` would silently take the last value; it raises its errors here too.
+    """
     return json.loads(text, object_pairs_hook=_of_keys_once)
 
 
@@ -158,11 +163,12 @@ def validate(
 ) -> Content:
     """Check parsed *data*; faults become a `BadInput` naming its key, with (a hundred) `more`.
 
-    *first*: the number from 0, in the file, of the first element of a list that is a part of it.
+    *first*: by list, the number from 0, in the file, of the first element in *data*, which has only
+    a part of that list.
     """
     try:
         _refuse_invisible(path, data)
-        # As JSON, because there strict means: "5" is not a number, but a list may be a tuple.
+        # As JSON: there, strict refuses "5" as a number, but accepts a list for a tuple.
         text = json.dumps(data, default=str)
         return model.model_validate_json(text, strict=True)
     except RecursionError as error:
@@ -175,14 +181,14 @@ def validate(
                 *_found_expected(fault, model),
             )
             for fault in error.errors(include_url=False)[:MOST_FAULTS]
-            if fault["type"] != "default_factory_not_called"  # what it wants is wrong, and told
+            if fault["type"] != "default_factory_not_called"  # due to a fault that is reported
         )
         worst.more = tuple(further_faults)
         raise worst from error
 
 
 def _text(path: str | Path, content: bytes) -> str:
-    """Text that is worth parsing."""
+    """Decode a text that is not too large to parse; raises `BadInput`."""
     values = content.count(b",") + content.count(b"=")
     if values > MOST_VALUES:
         raise BadInput(path, "the file", f"{values} values", f"{MOST_VALUES} at most")
@@ -199,7 +205,7 @@ def _text(path: str | Path, content: bytes) -> str:
 
 
 def _hostile(path: str | Path, error: RecursionError | ValueError) -> BadInput:
-    """What parsers give up on: depth, and numbers of thousands of digits."""
+    """Return the error of a text at which parsers fail: deep nesting, or very long numbers."""
     if isinstance(error, RecursionError):
         return BadInput(path, "the file", "brackets in brackets without end", "a few levels")
     return BadInput(path, "the file", "a number of thousands of digits", "numbers of a few")
@@ -218,10 +224,10 @@ def _location(fault: Any) -> tuple[int | str, ...]:
 def _key(
     location: tuple[int | str, ...], data: object, first: Mapping[str, int] | None = None
 ) -> str:
-    """`("joint", 2, "a_mm")` reads `joint[3].a_mm`: people count joints from one.
+    """Write a location as a key: `("joint", 2, "a_mm")` as `joint[3].a_mm`, counted from one.
 
     A part that the data do not hold is the tag of a union, unless it is the last: then it is a
-    key that is missing.
+    missing key.
     """
     key = ""
     for i, part in enumerate(location):
@@ -240,7 +246,7 @@ def _key(
 
 
 def _quote(value: object) -> str:
-    """A value as its file has it; text in quotation marks."""
+    """Return a value as in its file; text in quotation marks."""
     match value:
         case None:
             text = "nothing"
@@ -256,8 +262,10 @@ def _quote(value: object) -> str:
 
 
 def _refuse_invisible(path: str | Path, data: object) -> None:
-    """Raise `BadInput` for text that a terminal would obey, or that turns the writing round: no
-    name has any, and names go into messages and reports."""
+    """Raise `BadInput` for text with control characters or marks of writing direction.
+
+    No name needs any, and names go into messages and reports.
+    """
     for key, value in _texts(data, ""):
         for text in (key, value):
             if hidden := escape_invisible(text):
@@ -268,7 +276,7 @@ def _refuse_invisible(path: str | Path, data: object) -> None:
 
 
 def _texts(data: object, key: str) -> Iterator[tuple[str, str]]:
-    """Each text of parsed *data*, and every key, with the key that it stands at."""
+    """Yield each text of parsed *data*, and every key, with its location."""
     if isinstance(data, str):
         yield key, data
     elif isinstance(data, dict):

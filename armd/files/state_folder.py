@@ -1,4 +1,4 @@
-"""Where a daemon keeps what must outlive it."""
+"""The folder of the data that must outlive a daemon."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ import platformdirs
 
 
 def find_state_folder() -> Path:
-    """`$STATE_DIRECTORY` (systemd's), else `$XDG_STATE_HOME/armd`, else what the system has."""
+    """Return `$STATE_DIRECTORY` (systemd's), else `$XDG_STATE_HOME/armd`, else the system's."""
     systemd_folder = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     return Path(systemd_folder) if systemd_folder else Path(platformdirs.user_state_dir("armd"))

@@ -1,4 +1,6 @@
-"""Plain data as TOML that people read and edit: one line a list (docs/developer/libraries.md)."""
+"""Writes plain data as TOML that people read and edit: each list on one line
+(docs/developer/libraries.md).
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,9 @@ from typing import Any
 
 
 def format_toml(content: Mapping[str, Any]) -> str:
-    """The text of a file: values first, then tables and arrays of tables in their order.
+    """Return the text of a file: values first, then tables and arrays of tables in their order.
 
-    Values are strings, numbers, truth values, moments, and lists and mappings of these.
+    Values are strings, numbers, truth values, instants, and lists and mappings of these.
     """
     return "\n".join(_lines(content, "")) + "\n"
 

@@ -1,7 +1,7 @@
-"""Output files appear whole or not at all: written beside their place, synced, then renamed.
+"""Writes output files completely or not at all: beside their place, synced, then renamed.
 
-What stands there already keeps its owner and permissions. A symbolic link is refused, because the
-one who made it may not be the one who names it; devices and pipes are written to, not replaced.
+An existing file keeps its owner and permissions. A symbolic link is refused, because another user
+may have made it. Devices and pipes are written to, not replaced.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ def replace_file(path: str | Path) -> Iterator[Path]:
                 yield part
                 _pour(part, target)
             return
-        # Not named after its target: that name may be as long as names can be.
+        # A name of its own: the target's may already have the greatest length.
         part = target.parent / f".armd-{secrets.token_hex(6)}.part"
         earlier = target.stat() if target.exists() else None
-        mode = 0o666 if earlier is None else 0o600  # 0o666: less what the user's umask takes away
+        mode = 0o666 if earlier is None else 0o600  # 0o666, less the user's umask
         os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | O_CLOEXEC, mode))
         try:
             yield part
@@ -73,8 +73,8 @@ def replace_file(path: str | Path) -> Iterator[Path]:
 
 
 def flush_folder(folder: Path) -> None:
-    """What was made, renamed or removed in it is on the disk when this returns."""
-    if os.name == "nt":  # which opens no folder
+    """Write a folder's changes (files made, renamed or removed) to the disk."""
+    if os.name == "nt":  # Windows opens no folder
         return
     handle = os.open(folder, os.O_RDONLY)
     try:
@@ -84,20 +84,20 @@ def flush_folder(folder: Path) -> None:
 
 
 def write_all(handle: int, data: bytes) -> None:
-    """All of it, in as many calls as that takes."""
+    """Write all *data*, in as many calls as needed."""
     while data:
         data = data[os.write(handle, data) :]
 
 
 def write_whole(path: str | Path, content: bytes | str) -> None:
-    """Write *content* to *path* whole or not at all; raises as `replace_file` does."""
+    """Write *content* to *path* completely or not at all; raises like `replace_file`."""
     data = content.encode() if isinstance(content, str) else content
     with replace_file(path) as part:
         part.write_bytes(data)
 
 
 def write_changed(path: str | Path, content: bytes | str) -> None:
-    """As `write_whole`, unless *path* has this content already: then nothing need be writable."""
+    """Write like `write_whole`, unless *path* has this content: then it need not be writable."""
     data = content.encode() if isinstance(content, str) else content
     target = Path(path)
     with suppress(OSError):
@@ -107,7 +107,7 @@ def write_changed(path: str | Path, content: bytes | str) -> None:
 
 
 def check_place(path: str | Path) -> None:
-    """Raise `BadInput` unless a file can be written at *path*, as far as can be told before."""
+    """Raise `BadInput` unless a file can be written at *path*, as far as known in advance."""
     target = Path(path)
     with explain_os_errors(target):
         kind = 0 if _descriptor(target) is not None else stat.S_IFMT(_standing(target))
@@ -132,7 +132,7 @@ def check_place(path: str | Path) -> None:
 
 
 def find_longest_name(folder: Path) -> int:
-    """Of a file in it, in bytes; 255 where the system does not tell (Windows)."""
+    """Return the longest file name in bytes; 255 where the system has no answer (Windows)."""
     return os.pathconf(folder, "PC_NAME_MAX") if hasattr(os, "pathconf") else 255
 
 
@@ -148,7 +148,7 @@ def check_folder(folder: Path) -> None:
 
 
 def is_same_place(path: Path, other_path: Path) -> bool:
-    """Whether two paths are one file, by another name, through links or over a hard link."""
+    """Return whether two paths are one file: by another name, a link or a hard link."""
     if os.path.realpath(path) == os.path.realpath(other_path):
         return True
     with suppress(OSError):
@@ -158,10 +158,10 @@ def is_same_place(path: Path, other_path: Path) -> bool:
 
 @contextmanager
 def explain_os_errors(path: Path) -> Iterator[None]:
-    """Within this `with`, what the system refuses of *path* becomes a `BadInput` in words."""
+    """Convert errors of the system about *path* to `BadInput` in words, within this `with`."""
     try:
         yield
-    except (BrokenPipeError, ArmdError):  # an arm that does not answer is a time-out, too
+    except (BrokenPipeError, ArmdError):  # a silent arm's time-out is an OSError too
         raise
     except OSError as error:
         number = error.errno or 0
@@ -177,7 +177,7 @@ def explain_os_errors(path: Path) -> Iterator[None]:
 
 
 def _standing(path: Path) -> int:
-    """The mode of what stands at *path* itself; 0: nothing."""
+    """Return the mode of the file, link or folder at *path* itself; 0: there is none."""
     try:
         return path.lstat().st_mode
     except FileNotFoundError:
@@ -185,7 +185,7 @@ def _standing(path: Path) -> int:
 
 
 def _is_stream(path: Path) -> bool:
-    """Whether *path* is a device or pipe, or the name of an open file."""
+    """Return whether *path* is a device or pipe, or the name of an open file."""
     if _descriptor(path) is not None:
         return True
     with suppress(OSError):
@@ -195,7 +195,7 @@ def _is_stream(path: Path) -> bool:
 
 
 def _descriptor(path: Path) -> int | None:
-    """The number of the open file that *path* is a name of, as /dev/stdout is of 1."""
+    """Return the number of the open file that *path* names, as /dev/stdout names 1."""
     with suppress(OSError):
         descriptor_folder = os.path.realpath("/proc/self/fd")
         for _ in range(_MOST_LINKS):
@@ -210,22 +210,22 @@ def _descriptor(path: Path) -> int | None:
 def _pour(part: Path, stream: Path) -> None:
     number = _descriptor(stream)
     if number is None:
-        # Not blocking: a pipe that nobody reads would else be waited for.
+        # Non-blocking: otherwise opening a pipe waits for a reader.
         handle = os.open(stream, os.O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC)
         os.set_blocking(handle, True)
     else:
         if number == sys.stdout.fileno():
             sys.stdout.flush()
-        handle = os.dup(number)  # opened by its name, a file would be written from its beginning
+        handle = os.dup(number)  # opening it by name would write from its beginning
     with os.fdopen(handle, "wb") as out, part.open("rb") as content:
         shutil.copyfileobj(content, out)
 
 
 def _give(part: Path, earlier: os.stat_result) -> None:
-    """Owner, group and permissions of the file that *part* replaces."""
+    """Give *part* the owner, group and permissions of the file that it replaces."""
     mode = stat.S_IMODE(earlier.st_mode)
     try:
         os.chown(part, earlier.st_uid, earlier.st_gid)
-    except PermissionError:  # another's file: our own group gets no more than everybody had
+    except PermissionError:  # another user's file: our group gets only the rights of others
         mode = mode & ~0o7070 | (mode & 0o007) << 3
     part.chmod(mode)

@@ -1,4 +1,4 @@
-"""The offline half as functions and results: what `armd` gives beside the subscriber.
+"""The offline half of armd as functions and results.
 
 Each name is public as `armd.NAME`; these modules are not. docs/how-to/python.md lists the names.
 """

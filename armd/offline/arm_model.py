@@ -1,4 +1,4 @@
-"""`read_arm`: what an arm is, before anything is measured."""
+"""`read_arm`: the model of an arm, before anything is measured."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class ArmModel(Displayed):
     def __init__(self, path: Path, data: bytes) -> None:
         self._path = path
         self._data = data
-        #: the checked file as armd's own functions take it; not public
+        #: the checked file in the form of armd's own functions; not public
         self.content = parse_toml(path, data, Arm)
 
     @property
     def path(self) -> Path:
-        """The file that it was read from."""
+        """The file from which it was read."""
         return self._path
 
     @property
@@ -60,8 +60,8 @@ class ArmModel(Displayed):
     def save(self, path: PathText) -> None:
         """Write the arm.toml, byte by byte as it was read.
 
-        The file appears whole or not at all; an existing one is replaced. Raises `armd.BadInput`
-        where nothing can be written.
+        The file appears completely or not at all; an existing one is replaced. Raises
+        `armd.BadInput` where nothing can be written.
         """
         write_whole(Path(path), self._data)
 
@@ -82,7 +82,7 @@ class ArmModel(Displayed):
 def read_arm(path: PathText) -> ArmModel:
     """Read and check an arm.toml.
 
-    Raises `armd.BadInput` naming file, key, what was found and what was expected.
+    Raises `armd.BadInput` naming file, key, found and expected values.
 
     >>> arm = armd.read_arm("measured/arm.toml")
     >>> arm.n_joints
@@ -92,5 +92,5 @@ def read_arm(path: PathText) -> ArmModel:
 
 
 def resolve_arm(arm: ArmModel | PathText) -> ArmModel:
-    """Return *arm*, read where it is a path."""
+    """Return *arm*, or the arm read from it if it is a path."""
     return arm if isinstance(arm, ArmModel) else read_arm(arm)

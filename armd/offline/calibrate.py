@@ -15,11 +15,11 @@ from armd.offline.results.identified import Identified
 
 ThermalOrder = Literal["auto", "off", 0, 1, 2, 3, 4]
 METHODS = ("polynomial", "zones", "components", "per-temperature")
-#: ThermalOrder of the thermal model by its name; None: chosen by the data.
+#: Order of the thermal model by its name; None: chosen by the data.
 ORDERS: dict[str, int | None] = {
     "auto": None, "off": 0, "0": 0, "1": 1, "2": 2, "3": 3, "4": 4,
 }  # fmt: skip
-#: What the provenance says of a calibration that no command made.
+#: The command in the provenance of a calibration that no command made.
 COMMAND = "armd.calibrate"
 
 
@@ -37,11 +37,11 @@ def calibrate(
 
     *sessions*: a `Session`, the path of a session's folder, or several of them. *arm*: an
     `ArmModel` or the path of an arm.toml. *thermal*: the thermal model's order, 0 or `"off"` to 4;
-    `"auto"` decides by the error on held-out readings. *thermal_method*: `"polynomial"`,
-    `"zones"`, `"components"` or `"per-temperature"`; *offset* goes with the last one alone.
-    *progress* is called with what is being done; *command* is recorded in the calibration.
+    `"auto"` decides by the error on held-out readings. *thermal_method*: `"polynomial"`, `"zones"`,
+    `"components"` or `"per-temperature"`; *offset* is only for the last one. *progress* is called
+    with each step; *command* is recorded in the calibration.
 
-    Raises `armd.BadInput` where the sessions cannot give what is asked for.
+    Raises `armd.BadInput` where the sessions are not sufficient for these options.
 
     >>> calibration = armd.calibrate("measured/T20", "measured/arm.toml")
     >>> calibration.parameters.column_names

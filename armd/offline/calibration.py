@@ -26,7 +26,7 @@ from armd.offline.arm_model import ArmModel, PathText
 from armd.offline.results.arrow_table import ArrowTable
 from armd.offline.results.display import Displayed, Facts
 
-if TYPE_CHECKING:  # which take long to load
+if TYPE_CHECKING:  # these take long to load
     from armd.compensation.report.layout.about import About
     from armd.offline.results.identified import Identified
 
@@ -38,61 +38,61 @@ class Calibration(Displayed):
     """
 
     def __init__(self, loaded: LoadedCalibration, identified: Identified | None = None) -> None:
-        #: the calibration as armd's own functions take it; not public
+        #: the calibration in the form of armd's own functions; not public
         self.loaded = loaded
-        #: how it came about, where `calibrate` made it; not public
+        #: the result of its identification, where `calibrate` made it; not public
         self.identified = identified
 
     @property
     def content(self) -> Content:
-        """The checked content as armd's own functions take it; not public."""
+        """The checked content in the form of armd's own functions; not public."""
         return self.loaded.content
 
     @property
     def arm(self) -> str:
-        """Serial number of the arm that it belongs to."""
+        """The serial number of the arm to which it belongs."""
         return self.content.arm
 
     @property
     def path(self) -> Path:
-        """The file that it was read from; of one that was never a file, `calibration`."""
+        """The file from which it was read; `calibration` if it was never a file."""
         return self.loaded.path
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the file that `save` writes, hexadecimal: its identity."""
+        """The SHA-256 of the file that `save` writes, hexadecimal: its identity."""
         return self.loaded.sha256
 
     @property
     def rms_um(self) -> float:
-        """3-D RMS in µm of the readings that it was identified from; NaN where not recorded."""
+        """The 3-D RMS in µm of the readings of the identification; NaN where not recorded."""
         return self._recorded("rms_um")
 
     @property
     def heldout_rms_um(self) -> float:
-        """3-D RMS in µm on readings that were not used in the fit; NaN where not recorded."""
+        """The 3-D RMS in µm on held-out readings; NaN where not recorded."""
         return self._recorded("heldout_rms_um")
 
     @property
     def covariance_of(self) -> list[str]:
-        """Names of the identified quantities: parameters, and `term I` (I from 0)."""
+        """The names of the identified quantities: parameters, and `term I` (I from 0)."""
         return list(self.content.covariance_of)
 
     @property
     def covariance(self) -> F64:
-        """Covariance (K, K) of the quantities in `covariance_of`, in products of mm and rad."""
+        """The covariance (K, K) of the quantities in `covariance_of`, in products of mm and rad."""
         count = len(self.content.covariance_of)
         return np.array(self.content.covariance, dtype=np.float64).reshape(count, count)
 
     @property
     def parameters(self) -> ArrowTable:
-        """A table of all parameters, then all terms: `name, unit, nominal, value,
-        standard_uncertainty`.
+        """A table of all parameters, then all terms, with values and uncertainties.
 
-        Lengths are in mm, angles in rad. `nominal` is the value in arm.toml; it is missing in a
-        calibration that was read from a file. A term is called `term I`, as in `covariance_of`;
-        its value is its coefficient, its nominal value 0. `standard_uncertainty` (k = 1) is
-        missing where a quantity was not identified.
+        Its columns are `name, unit, nominal, value, standard_uncertainty`. Lengths are in mm,
+        angles in rad. `nominal` is the value in arm.toml; it is missing in a calibration that was
+        read from a file. A term is called `term I`, as in `covariance_of`; its value is its
+        coefficient, its nominal value 0. `standard_uncertainty` (k = 1) is missing where a quantity
+        was not identified.
         """
         content = self.content
         uncertainty_of = dict(
@@ -124,7 +124,7 @@ class Calibration(Displayed):
 
     @property
     def figures(self) -> dict[str, Any] | None:
-        """What `armd calibrate --json` writes; None for a calibration that was read."""
+        """The output of `armd calibrate --json`; None for a calibration that was read."""
         return None if self.identified is None else self.identified.result.as_json()
 
     def to_dict(self) -> dict[str, Any]:
@@ -135,23 +135,25 @@ class Calibration(Displayed):
     def save(self, path: PathText) -> None:
         """Write the calibration file, as `armd calibrate -o` does.
 
-        The file appears whole or not at all; an existing one is replaced. A calibration that was
-        read is written byte by byte. Raises `armd.BadInput` where nothing can be written.
+        The file appears completely or not at all; an existing one is replaced. A calibration that
+        was read is written byte by byte. Raises `armd.BadInput` where nothing can be written.
         """
         write_whole(Path(path), self.loaded.data)
 
     def report(self, path: PathText) -> None:
         """Write the report of `armd calibrate` to *path*: HTML, or PDF by its suffix `.pdf`.
 
-        Raises `armd.ArmdError` for a calibration that was read, or where nothing prints a PDF.
+        Raises `armd.ArmdError` for a calibration that was read, or where no program prints a PDF.
         """
         from armd.compensation.report.layout.written import write_page
 
         write_page(Path(path), self.page(self.path.name))
 
     def page(self, written: str, about: About | None = None) -> str:
-        """Return the report, which calls the calibration's file *written*; *about* is for its
-        head. Not public."""
+        """Return the report as HTML. Not public.
+
+        *written*: the name of the calibration's file in it; *about*: data for its head.
+        """
         from armd.offline.results.pages import draw_calibration_page
 
         if self.identified is None:
@@ -160,7 +162,7 @@ class Calibration(Displayed):
         return draw_calibration_page(self.identified, loaded, about)
 
     def for_arm(self, arm: Arm) -> LoadedCalibration:
-        """Return what armd's own functions take; raises `BadInput` for another arm. Not public."""
+        """Return the form of armd's functions; raises `BadInput` for another arm. Not public."""
         check_belongs(self.path, self.content, arm)
         return self.loaded
 
@@ -195,8 +197,8 @@ def _um(value: float) -> str:
 def read_calibration(path: PathText) -> Calibration:
     """Read and check a calibration file.
 
-    Whether it belongs to an arm is checked where both are used together. Raises `armd.BadInput`
-    for a malformed file, or content that does not match its hash.
+    Functions that take a calibration and an arm check whether they belong together. Raises
+    `armd.BadInput` for a malformed file, or content that does not match its hash.
 
     >>> calibration = armd.read_calibration("calibration.json")
     >>> calibration.parameters["name"][0]
@@ -206,7 +208,7 @@ def read_calibration(path: PathText) -> Calibration:
 
 
 def convert_calibration(content: Content, identified: Identified | None = None) -> Calibration:
-    """Return what `read_calibration` would read from the file of *content*."""
+    """Return the calibration that `read_calibration` would read from a file of *content*."""
     loaded = save_calibration("calibration", content, write=lambda _path, _data: None)
     return Calibration(loaded, identified)
 
@@ -214,7 +216,7 @@ def convert_calibration(content: Content, identified: Identified | None = None) 
 def resolve_calibration(
     calibration: Calibration | PathText | None, arm: ArmModel
 ) -> LoadedCalibration | None:
-    """Return the calibration given, read where it is a path; raises `BadInput` for another arm."""
+    """Return the calibration, read if it is a path; raises `BadInput` for another arm."""
     if calibration is None:
         return None
     read = calibration if isinstance(calibration, Calibration) else read_calibration(calibration)

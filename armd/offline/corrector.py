@@ -1,4 +1,4 @@
-"""`Corrector`: batches of readings in, the same with corrected points out, in any process."""
+"""`Corrector`: adds corrected points to tables of readings, in any process."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ from armd.offline.calibration import Calibration, resolve_calibration
 from armd.offline.inputs.arrow_input import to_arrow_table
 from armd.offline.results.display import Displayed, Facts
 
-#: Rows worked off at once: few enough for a processor's cache, many enough that the calls of a
-#: piece do not count. A table is in memory anyway; of a file, smaller pieces are read.
+#: Rows processed at once: few enough for a processor's cache, many enough that the overhead of the
+#: calls is small. A table is in memory anyway; files are read in smaller pieces.
 PIECE_ROWS = 1 << 15
-#: What messages call the table.
+#: The name of the table in messages.
 TABLE = "table"
-#: Beyond so many time constants nothing of an earlier temperature shows in a double: e^-40.
+#: After this many time constants, an earlier temperature has no effect in a double: e^-40.
 TIME_CONSTANTS = 40.0
 UNITS = ("rad", "deg", "count")
 
@@ -51,18 +51,18 @@ UNITS = ("rad", "deg", "count")
 class Corrector(Displayed):
     """Corrects tables of readings, as `armd correct` corrects a file of exactly these rows.
 
-    *arm*, *calibration*: as of `Model`. *angle_unit*: of the columns q1 … qN. *started*: the
+    *arm*, *calibration*: as in `Model`. *angle_unit*: of the columns q1 … qN. *started*: the
     instant of `time_s = 0`, a datetime or ISO text with its offset from UTC; needed where the
     calibration has terms that depend on the date. *uncertainty*: with the columns u_x_mm, u_y_mm,
     u_z_mm.
 
-    A call takes a `pyarrow` record batch or table (or what else has `__arrow_c_stream__`) with
+    A call takes a `pyarrow` record batch or table (or any object with `__arrow_c_stream__`) with
     columns q1 … qN and, where the calibration needs them, the sensors' columns in °C, w1 … wN,
-    approach_x …, time_s. It returns the same kind, of pyarrow, with `x_mm, y_mm, z_mm, u_x_mm,
-    u_y_mm, u_z_mm, flags` appended: mm, standard uncertainties (k = 1), flags of `armd.Flag`.
-    Rows must be in the order of time where temperatures are missing or lag. Nothing is kept from
-    call to call: put the rows that `lead_in` returns before a part of a longer table, and drop
-    them afterwards. It pickles with all it needs, and reads no file after it was made.
+    approach_x …, time_s. It returns the same type, of pyarrow, with `x_mm, y_mm, z_mm, u_x_mm,
+    u_y_mm, u_z_mm, flags` appended: mm, standard uncertainties (k = 1), flags of `armd.Flag`. Rows
+    must be in the order of time where temperatures are missing or lag. A call remembers nothing of
+    earlier calls. So put the rows that `lead_in` returns before a part of a longer table, and drop
+    them afterwards. A corrector can be pickled, and reads no file after it was made.
 
     Raises `armd.BadInput` for files that do not fit together, and for a table that `armd correct`
     would refuse.
@@ -90,12 +90,12 @@ class Corrector(Displayed):
         self._unit: AngleUnit = angle_unit
         self._started_unix_s = None if started is None else parse_instant("started", started)
         self._uncertainty = uncertainty
-        #: sentences on the last table: what was read and does not count as it is
+        #: sentences on the last table: values that were read and not used as they are
         self.remarks: list[str] = []
 
     @property
     def lead_in_s(self) -> float:
-        """So many seconds of earlier rows bring every lag to where the whole table would."""
+        """The seconds of earlier rows after which every lag is as in the whole table."""
         terms = self._calibration.content.terms if self._calibration else []
         lags = [
             lag_s
@@ -109,9 +109,9 @@ class Corrector(Displayed):
     def lead_in(self, table: Any) -> pa.Table:
         """Return the last rows of *table* that rows which follow it depend on.
 
-        They reach `lead_in_s` back, and to where each sensor last had a value, which is held until
-        it has another; one row at least. Put them before the following rows and drop what comes of
-        them. Raises `BadInput` where lags need the time and the table has none.
+        They cover `lead_in_s`, and begin at the latest at each sensor's last value, which is held
+        until the next one; there is at least one row. Put them before the following rows and drop
+        their results. Raises `BadInput` where lags need the time and the table has none.
         """
         rows = to_arrow_table(table, TABLE)
         firsts = [max(rows.num_rows - 1, 0)]
@@ -189,8 +189,10 @@ class Corrector(Displayed):
 
 
 def parse_instant(option: str, value: datetime.datetime | str, source: str = "Corrector") -> float:
-    """Return Unix seconds of a datetime or ISO 8601 text; raises `BadInput`, which names
-    *source* and *option*."""
+    """Return Unix seconds of a datetime or ISO 8601 text.
+
+    Raises `BadInput`, which names *source* and *option*.
+    """
     text = repr(value) if isinstance(value, str) else value.isoformat()
     try:
         instant = datetime.datetime.fromisoformat(value) if isinstance(value, str) else value
@@ -206,7 +208,7 @@ def parse_instant(option: str, value: datetime.datetime | str, source: str = "Co
 
 
 def _numbers(table: pa.Table, name: str) -> F64:
-    """A column as numbers (n,), NaN where missing; raises `BadInput`."""
+    """Return a column as numbers (n,), NaN where missing; raises `BadInput`."""
     types = {name: RECORDED_TYPES.get(name, pa.float64())}
     numbers = convert_columns(Path(TABLE), table, types)
     return Readings(Path(TABLE), list(table.column_names), numbers).unchecked(name)
@@ -217,8 +219,10 @@ def _no_points(figures: int) -> pa.Table:
 
 
 def _packed(calibration: LoadedCalibration, uncertainty: bool) -> tuple[bytes, bytes, str, str]:
-    """Return what a correction needs of a calibration, small: the content, and the lower triangle
-    of the covariance, which is all that is used of it."""
+    """Return the parts of a calibration that a correction needs, compressed.
+
+    They are the content and the lower triangle of the covariance; no more of it is used.
+    """
     content = calibration.content.content()
     del content["provenance"]
     covariance = content.pop("covariance")

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class DesignResult(Reported):
-    """Poses to measure next, and what they are worth; `design` makes it."""
+    """Poses to measure next, and their expected benefit; `design` makes it."""
 
     def __init__(
         self,
@@ -40,25 +40,28 @@ class DesignResult(Reported):
         arm: ArmModel,
         calibration: LoadedCalibration | None,
     ) -> None:
-        #: the experiment as armd's own functions take it; not public
+        #: the experiment in the form of armd's own functions; not public
         self.experiment = experiment
-        #: the sessions there are, likewise
+        #: the given sessions, in the same form; not public
         self.sessions = sessions
-        #: what a diagnosis of the sessions advises, in one sentence
+        #: the advice of a diagnosis of the sessions, in one sentence
         self.next_experiment = sentence
         self._arm = arm
         self._calibration = calibration
-        #: one dict for each pose, as the table has it
+        #: one dict for each pose, with the table's columns
         self.rows = _rows(experiment, arm.sensors)
 
     @property
     def poses(self) -> ArrowTable:
-        """A table with one row for each pose: `pose`, the tip `x_mm, y_mm, z_mm`, `q1_deg` …, the
-        side of approach of each joint (`+`, `-`), a column in °C for each sensor."""
+        """A table with one row for each pose.
+
+        Its columns are `pose`, the tip `x_mm, y_mm, z_mm`, `q1_deg` …, the side of approach of each
+        joint (`+`, `-`), and a column in °C for each sensor.
+        """
         return ArrowTable({name: [row[name] for row in self.rows] for name in self.rows[0]})
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `armd design --json` writes."""
+        """Return the output of `armd design --json`."""
         experiment = self.experiment
         return {
             "schema": "armd.design/1",
@@ -75,7 +78,7 @@ class DesignResult(Reported):
     def plot(self, *, ax: Axes | None = None) -> Figure:
         """Draw the arm in each pose, from above and from the side; return the matplotlib figure.
 
-        *ax*: axes to draw on, from the side; in space where they have three dimensions.
+        *ax*: axes for the side view, or for a view in space if they have three dimensions.
         """
         from armd.compensation.report.design import draw_poses
 
@@ -139,12 +142,12 @@ def design(
 ) -> DesignResult | FirstDesignResult:
     """Choose the poses to measure next: `armd design`.
 
-    *sessions*: those measured so far; None: poses for a first calibration, of which a tracker sees
-    the tip, or which touch the targets of *artefact* (a dict as `[artefact]` of session.toml, or a
-    file that has one). *calibration*: the model under test; None: what `calibrate` makes of the
-    sessions, or arm.toml. *readings*: how many poses; None: with sessions 12, up to 24 where causes
-    are close; without, as many as a certificate wants. *progress* is called with what is being done
-    and the share that is done.
+    *sessions*: those measured so far; None: poses for a first calibration. In these, a tracker
+    measures the tip, or the tip touches the targets of *artefact* (a dict as `[artefact]` of
+    session.toml, or a file that has one). *calibration*: the model under test; None: that of
+    `calibrate` for these sessions, or arm.toml. *readings*: the number of poses; None: with
+    sessions 12, up to 24 where causes are close; without, as many as a certificate requires.
+    *progress* is called with each step and the share that is done.
 
     Raises `armd.BadInput` where the sessions cannot be used, or no such poses are found.
 
@@ -175,7 +178,7 @@ def check_readings(readings: int | None) -> None:
 
 
 def _rows(experiment: Experiment, sensors: list[str]) -> list[dict[str, Any]]:
-    """One row per pose: where the tip goes, how the arm stands, from where, how warm."""
+    """Make one row per pose: tip, joint angles, sides of approach, temperatures."""
     states = experiment.states
     return [
         {

@@ -1,4 +1,4 @@
-"""`diagnose`: what a model gets wrong, why, the extended model, the gain."""
+"""`diagnose`: the errors of a model, their causes, the extended model, the gain."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ class DiagnosisFinding(Record):
 
 
 class Diagnosis(Displayed):
-    """What a model gets wrong; `diagnose` makes it."""
+    """The errors of a model and their causes; `diagnose` makes it."""
 
     def __init__(
         self, details: Details, arm: ArmModel, calibration: LoadedCalibration | None
     ) -> None:
-        #: everything, as armd's own functions take it; not public
+        #: all results, in the form of armd's own functions; not public
         self.details = details
         self._arm = arm
         self._calibration = calibration
@@ -68,7 +68,7 @@ class Diagnosis(Displayed):
 
     @cached_property
     def comparisons(self) -> list[ResidualComparison]:
-        """What the models leave beside what noise makes; worked out once. Not public."""
+        """The models' residuals compared with those of noise; computed once. Not public."""
         return compare(self.details)
 
     @cached_property
@@ -78,9 +78,11 @@ class Diagnosis(Displayed):
 
     @property
     def sets(self) -> list[Record]:
-        """Sets of causes in the arm that explain the readings, each with `causes` and
-        `probability`: those found, then others, the most probable first; without moved artefacts
-        and outliers."""
+        """Sets of causes in the arm that explain the readings, with `causes` and `probability`.
+
+        The causes found come first, then other sets, the most probable first. Moved artefacts and
+        outliers are in no set.
+        """
         return [make_records(cause_set) for cause_set in self._result["sets"]]
 
     @property
@@ -91,16 +93,16 @@ class Diagnosis(Displayed):
 
     @cached_property
     def extended(self) -> Calibration | None:
-        """The model under test with what was found; None if nothing was found."""
+        """The model under test with the findings; None if there are none."""
         return convert_calibration(self.details.extended) if self.findings else None
 
     @property
     def next_experiment(self) -> str:
-        """What to measure next, in one sentence."""
+        """The next measurement to make, in one sentence."""
         return str(self._result["next_experiment"])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `armd diagnose --json` writes, `extended_calibration` being None.
+        """Return the output of `armd diagnose --json`, with `extended_calibration` None.
 
         `predictive` takes a second or more the first time.
         """
@@ -111,11 +113,11 @@ class Diagnosis(Displayed):
     def plot(self, finding: int | None = None, *, ax: Axes | None = None) -> Figure:
         """Draw the diagnosis; return the matplotlib figure.
 
-        Without *finding*: measured against simulated residuals, under the model under test and with
-        the findings. With it, the number of a finding (from 0): what the readings show of it, and
-        the fitted effect; raises `ValueError` for one that has no curve (moved artefacts,
-        outliers). *ax*: axes to draw on; without *finding* the residuals that leave their band
-        most under the model under test.
+        Without *finding*: measured and simulated residuals, under the model under test and with the
+        findings. With it, the number of a finding (from 0): the residuals that show it, and the
+        fitted effect. Raises `ValueError` for one that has no curve (moved artefacts, outliers).
+        *ax*: axes to draw on; without *finding* they show the residuals that are farthest outside
+        their band under the model under test.
         """
         from armd.compensation.report.diagnosis import predictive_plot
         from armd.compensation.report.diagnosis.signature_plot import draw_signature
@@ -136,14 +138,14 @@ class Diagnosis(Displayed):
     def report(self, path: PathText) -> None:
         """Write the report of `armd diagnose` to *path*: HTML, or PDF by its suffix `.pdf`.
 
-        Raises `armd.ArmdError` where nothing prints a PDF.
+        Raises `armd.ArmdError` where no program prints a PDF.
         """
         from armd.compensation.report.layout.written import write_page
 
         write_page(Path(path), self.page(self._result))
 
     def page(self, result: dict[str, Any], about: About | None = None) -> str:
-        """Return the report; *result* is what `to_dict` has, *about* for its head. Not public."""
+        """Return the report; *result* is that of `to_dict`, *about* is for its head. Not public."""
         from armd.compensation.report.diagnosis.page import make_diagnosis_report
         from armd.offline.results.pages import list_inputs
 
@@ -182,11 +184,11 @@ def diagnose(
     progress: TellShare = lambda _text, _share: None,
     command: str = COMMAND,
 ) -> Diagnosis:
-    """Find what a model gets wrong and why: `armd diagnose`.
+    """Find the errors of a model and their causes: `armd diagnose`.
 
-    *calibration*: the model under test; None: what `calibrate` makes of the sessions. *holdout*:
-    sessions for the gain alone; None: placements are held out in turn. *progress* is called with
-    what is being done and the share that is done, 0 to 1; *command* is recorded in `extended`.
+    *calibration*: the model under test; None: that of `calibrate` for the sessions. *holdout*:
+    sessions that only judge the gain; None: placements are held out in turn. *progress* is called
+    with each step and the share that is done, 0 to 1; *command* is recorded in `extended`.
 
     Raises `armd.BadInput` where the sessions cannot be used.
 
@@ -203,7 +205,7 @@ def diagnose(
     assumed = AssumedModel.from_calibration(model.content, content) if content else None
     every = [*fitted, *held_out]
     if any(session.artefact.surfaces for session in every):
-        evaluate(every, model.content, content)  # refuses surfaces that nobody can place
+        evaluate(every, model.content, content)  # refuses surfaces that cannot be located
     artefact = content.artefact if content else None
     if not has_reflectors(every):
         refuse_mistakes(every, collect_observations(every, model.content, artefact), assumed)

@@ -36,12 +36,12 @@ class EvaluationResult(Displayed):
         self._figures = figures
         self._evaluation = evaluation
         self._inputs = inputs
-        #: certified lengths beside those measured; not public
+        #: certified lengths and those measured; not public
         self.lengths = lengths
 
     @property
     def rms_um(self) -> float:
-        """3-D RMS in µm over all readings that could be evaluated."""
+        """The 3-D RMS in µm over all readings that could be evaluated."""
         return float(self._figures["rms_um"])
 
     @property
@@ -56,11 +56,11 @@ class EvaluationResult(Displayed):
 
     @cached_property
     def residuals(self) -> ArrowTable:
-        """A table with one row for each reading: `session, row, placement, target, dx_um, dy_um,
-        dz_um, residual_um`.
+        """A table with one row for each reading.
 
-        `row` counts from 1 within the session's table. `dx_um` … are tip minus target in the base
-        frame, `residual_um` their length; all missing where a reading lacks a temperature that the
+        Its columns are `session, row, placement, target, dx_um, dy_um, dz_um, residual_um`. `row`
+        counts from 1 within the session's table. `dx_um` … are tip minus target in the base frame,
+        `residual_um` their length; all missing where a reading lacks a temperature that the
         calibration needs. Sessions too long for memory were evaluated piece by piece; this reads
         them whole.
         """
@@ -90,7 +90,7 @@ class EvaluationResult(Displayed):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `armd evaluate --json` writes."""
+        """Return the output of `armd evaluate --json`."""
         return dict(self._figures)
 
     def _describe(self) -> tuple[str, Facts]:
@@ -121,10 +121,10 @@ def evaluate(
     """Evaluate sessions under a calibration: `armd evaluate`.
 
     Only placements and unknown seats are fitted. *sessions*: a `Session`, the path of a session's
-    folder, or several of them. *calibration*: None means the nominal geometry of *arm*.
-    *fit_tip*: fit the tip to these sessions first. *progress* is called with what is being done.
+    folder, or several of them. *calibration*: None means the nominal geometry of *arm*. *fit_tip*:
+    fit the tip to these sessions first. *progress* is called with each step.
 
-    Raises `armd.BadInput` where a file does not hold or no reading can be evaluated.
+    Raises `armd.BadInput` where a file is invalid or no reading can be evaluated.
 
     >>> result = armd.evaluate("measured/T20", "measured/arm.toml", "calibration.json")
     >>> len(result.residuals) == result.n
@@ -148,7 +148,7 @@ def evaluate(
 
 
 def _places(every: Observations, part: Observations) -> I64:
-    """Return where the readings of *part* are among *every* one."""
+    """Return the indices of the readings of *part* among *every* one."""
     n_rows = int(every.row.max()) + 1
     key, part_key = every.session * n_rows + every.row, part.session * n_rows + part.row
     order = np.argsort(key, kind="stable")
@@ -157,6 +157,6 @@ def _places(every: Observations, part: Observations) -> I64:
 
 
 def _strip(names: list[str], sessions: Any) -> Any:
-    """Return names without the session's before them."""
+    """Return names without the session's name before them."""
     pairs = zip(names, sessions, strict=True)
     return np.array([name.removeprefix(f"{session}/") for name, session in pairs])

@@ -1,4 +1,4 @@
-"""Poses before the first measurement: what `design` gives without sessions."""
+"""Poses before the first measurement: the result of `design` without sessions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class FirstDesignResult(Reported):
-    """Poses for a first calibration, and what they are worth; `design` makes it."""
+    """Poses for a first calibration, and their expected quality; `design` makes it."""
 
     def __init__(
         self,
@@ -33,30 +33,33 @@ class FirstDesignResult(Reported):
         calibration: LoadedCalibration | None,
         artefact: Artefact | None,
     ) -> None:
-        #: the experiment as armd's own functions take it; not public
+        #: the experiment in the form of armd's own functions; not public
         self.experiment = experiment
         self._arm = arm
         self._calibration = calibration
         self._artefact = artefact
-        #: one dict for each pose, as the table has it
+        #: one dict for each pose, with the table's columns
         self.rows = _rows(experiment)
-        #: what the poses are worth, a sentence each
+        #: sentences on the quality of the poses
         self.words = _in_words(experiment)
 
     @property
     def poses(self) -> ArrowTable:
-        """A table with one row for each pose: `pose`, with an artefact `placement` and `target`,
-        the tip `x_mm, y_mm, z_mm`, `q1_deg` …, and `q1` … in rad."""
+        """A table with one row for each pose.
+
+        Its columns are `pose`, with an artefact `placement` and `target`, the tip `x_mm, y_mm,
+        z_mm`, `q1_deg` …, and `q1` … in rad.
+        """
         return ArrowTable({name: [row[name] for row in self.rows] for name in self.rows[0]})
 
     @property
     def rank(self) -> int:
-        """Directions of the constants that the poses determine."""
+        """The number of directions of the constants that the poses determine."""
         return self.experiment.rank
 
     @property
     def structural_rank(self) -> int:
-        """Directions that move a point at all."""
+        """The number of directions that move a point at all."""
         return self.experiment.structural_rank
 
     @property
@@ -66,11 +69,11 @@ class FirstDesignResult(Reported):
 
     @property
     def condition_number(self) -> float | None:
-        """Of the scaled identification Jacobian; None where a direction is not determined."""
+        """The condition number of the scaled Jacobian; None where a direction is not determined."""
         return self.experiment.condition_number
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `armd design --json` writes."""
+        """Return the output of `armd design --json`."""
         experiment = self.experiment
         return {
             "schema": "armd.design/1",
@@ -93,7 +96,7 @@ class FirstDesignResult(Reported):
     def plot(self, *, ax: Axes | None = None) -> Figure:
         """Draw the arm in each pose, from above and from the side; return the matplotlib figure.
 
-        *ax*: axes to draw on, from the side; in space where they have three dimensions.
+        *ax*: axes for the side view, or for a view in space if they have three dimensions.
         """
         from armd.compensation.report.design import draw_poses
 
@@ -148,8 +151,7 @@ def design_without_sessions(
 
 
 def _rows(experiment: FirstExperiment) -> list[dict[str, Any]]:
-    """One row per pose: where the tip goes, on which target, and how the arm stands, in degrees for
-    a person and in rad as readings have it."""
+    """Make one row per pose: tip, target, and joint angles in degrees and in rad."""
     rows = []
     for i, (q, tip) in enumerate(zip(experiment.q, experiment.tip_mm, strict=True)):
         row: dict[str, Any] = {"pose": i + 1}
@@ -162,7 +164,7 @@ def _rows(experiment: FirstExperiment) -> list[dict[str, Any]]:
 
 
 def _in_words(experiment: FirstExperiment) -> list[str]:
-    """What the poses are worth, a sentence each."""
+    """Describe the quality of the poses in sentences."""
     n, full_rank = len(experiment.q), experiment.structural_rank
     setup = (
         f"on the artefact in {len(set(experiment.placements))} placements"

@@ -1,4 +1,4 @@
-"""`Model`: where the tip of a calibrated arm is, which way it points, and how certain that is."""
+"""`Model`: position and orientation of a calibrated arm's tip, and their uncertainty."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.calibration import Calibration, resolve_calibration
 from armd.offline.results.display import Displayed, Facts
 
-#: An instant after every period in which a term that follows time was identified (year 2200):
-#: such terms keep their last value.
+#: An instant in the year 2200, after the identification of every term that depends on time: such
+#: terms keep their last value.
 AFTER_ALL_UNIX_S = 7_258_118_400.0
-#: Rows worked off at once.
+#: Rows processed at once.
 CHUNK = 1 << 15
-#: Step of an angle in rad by which a term's basis is differentiated.
+#: Step of an angle in rad for derivatives of a term's basis.
 STEP_RAD = 1e-5
 
 
 def skip_lag(_name: str, value: F64, _time_s: F64, _lag_s: float) -> F64:
-    """Return temperatures as they are: each row is an arm that has settled there."""
+    """Return temperatures without lag: in each row the arm has settled."""
     return value
 
 
@@ -39,11 +39,11 @@ class Model(Displayed):
     *arm* is an `ArmModel` or the path of an arm.toml, *calibration* a `Calibration`, the path of
     one, or None for the nominal geometry. Raises `armd.BadInput` where they do not fit together.
 
-    All methods take angles *q* (n, N) in rad, signed as a session has them, and *temperatures*
-    (n, sensors) or (sensors,) in °C, in the order of `ArmModel.sensors`; None means the reference
-    temperature. Each row is a settled state: lags have passed, terms that follow time keep their
-    last value. Joint rates and the direction of approach are unknown: terms that depend on them
-    have no effect. NaN gives NaN in its row. Raises `ValueError` for arrays of other shapes.
+    All methods take angles *q* (n, N) in rad, signed as in a session, and *temperatures* (n,
+    sensors) or (sensors,) in °C, in the order of `ArmModel.sensors`; None means the reference
+    temperature. Each row is a settled state: lags have passed, and terms that depend on time keep
+    their last value. Joint rates and the direction of approach are unknown: terms that depend on
+    them have no effect. NaN gives NaN in its row. Raises `ValueError` for arrays of other shapes.
 
     >>> model = armd.Model("measured/arm.toml", "calibration.json")
     >>> model.position(np.zeros((5, 6))).shape
@@ -63,7 +63,7 @@ class Model(Displayed):
         self._source = str(loaded.path) if loaded else "none: nominal geometry"
 
     def position(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None = None) -> F64:
-        """Return the tip's centre (n, 3) in mm, base frame: what `armd correct` writes.
+        """Return the tip's centre (n, 3) in mm, base frame, as `armd correct` writes it.
 
         NaN in a row that lacks an angle or overflows.
         """
@@ -90,8 +90,8 @@ class Model(Displayed):
     def jacobian(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None = None) -> F64:
         """Return the derivatives (n, 3, N) of the position by the joint angles, in mm/rad.
 
-        Geometry is differentiated analytically. What terms that depend on the pose add is
-        differentiated by central differences of their basis functions.
+        Geometry is differentiated analytically. The part of terms that depend on the pose comes
+        from central differences of their basis functions.
         """
         states = self._states(q, temperatures)
         derivatives = np.empty((states.n, 3, states.q.shape[1]))
@@ -118,12 +118,13 @@ class Model(Displayed):
         wanted_mm: npt.ArrayLike | None = None,
         temperatures: npt.ArrayLike | None = None,
     ) -> F64:
-        """Return the joint angles (n, N) in rad to command so that the tip is where it is wanted.
+        """Return the joint angles (n, N) in rad to command so that the tip is at the wanted
+        position.
 
-        *q* (n, N) is a nominal solution, *wanted_mm* (n, 3) the wanted tip in the base frame; None
-        or a row of NaN: where arm.toml's arm has it at *q*. With six joints or more the orientation
-        is kept that arm.toml's arm has there; with fewer the angles change least. NaN in a row that
-        cannot be reached, is near a singularity or beyond a limit: `armd compensate` says which.
+        *q* (n, N) is a nominal solution, *wanted_mm* (n, 3) the wanted tip in the base frame. None
+        or a row of NaN: the tip of arm.toml's arm at *q*. With six joints or more, the orientation
+        of arm.toml's arm there is kept; with fewer, the angles change least. NaN in a row that
+        cannot be reached, is near a singularity or beyond a limit: `armd compensate` reports which.
         """
         states = self._states(q, temperatures)
         targets_mm = None
@@ -133,7 +134,7 @@ class Model(Displayed):
                 raise ValueError(
                     f"wanted_mm has shape {targets_mm.shape}, expected ({states.n}, 3)"
                 )
-        settled = replace(states, series=np.arange(states.n))  # no row lags behind another
+        settled = replace(states, series=np.arange(states.n))  # no row depends on an earlier one
         return compensate(self._arm.content, self._loaded, settled, targets_mm).q
 
     def _states(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None) -> States:
@@ -200,7 +201,7 @@ class Model(Displayed):
 
 
 def _numbers(name: str, values: npt.ArrayLike) -> F64:
-    """Return *values* as doubles; an integer that is none is a `ValueError` too."""
+    """Return *values* as doubles; an integer too large for one is a `ValueError` too."""
     try:
         return np.asarray(values, dtype=np.float64)
     except OverflowError as error:

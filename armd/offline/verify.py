@@ -39,7 +39,7 @@ class VerificationResult(Reported):
         calibration: LoadedCalibration | None,
         mpe: LimitsInput,
     ) -> None:
-        #: all figures, as armd's own functions take them; not public
+        #: all figures, in the form of armd's own functions; not public
         self.details = verdict
         self._session = session
         self._arm = arm
@@ -53,11 +53,11 @@ class VerificationResult(Reported):
 
     @property
     def verdict(self) -> str:
-        """The verdict in words: what it covers, and the reasons where it is no."""
+        """The verdict in words: its scope, and the reasons where it is no."""
         return self.details.in_words
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `armd verify --json` writes; lengths in mm."""
+        """Return the output of `armd verify --json`; lengths in mm."""
         return self.details.as_json()
 
     def page(self, about: About | None = None) -> str:
@@ -97,12 +97,12 @@ def verify(
 ) -> VerificationResult:
     """Judge an arm by ISO 10360-12 and ASME B89.4.22: `armd verify` of a session.
 
-    The names of the session's targets say which tests it holds (docs/how-to/verify.md).
-    *calibration*: None means the nominal geometry. *mpe*: limits as the path of an mpe.toml or as
-    a dict of its content, `{"mpe": {"e_uni_mm": 0.04}}`; None: no verdict. *decision*: `"guarded"`
-    or `"simple"`, instead of what the limits say.
+    The names of the session's targets determine its tests (docs/how-to/verify.md). *calibration*:
+    None means the nominal geometry. *mpe*: limits as the path of an mpe.toml or as a dict of its
+    content, `{"mpe": {"e_uni_mm": 0.04}}`; None: no verdict. *decision*: `"guarded"` or `"simple"`,
+    instead of that in the limits.
 
-    Raises `armd.BadInput` for files that do not hold, `armd.ArmdError` where no test is complete.
+    Raises `armd.BadInput` for invalid files, `armd.ArmdError` where no test is complete.
 
     >>> armd.verify("test/verify", "test/arm.toml", mpe={"mpe": {"e_uni_mm": 5.0}}).passed
     True
@@ -113,14 +113,14 @@ def verify(
     content = loaded.content if loaded else None
     (read,), _ = load_sessions(resolve_sessions(session), model.content)
     refuse_reflectors([read], "`armd verify`")
-    # First of all: it refuses a calibration that overflows.
+    # This comes first, because it refuses a calibration that overflows.
     position = correct_positions(read, model.content, loaded)
     observations = collect_observations(
         [read], model.content, content.artefact if content else None
     )
     refuse_misnamed([read], observations, AssumedModel.from_calibration(model.content, content))
     if surfaces := bool(read.artefact.surfaces):
-        evaluate([read], model.content, content)  # refuses those that nobody can place
+        evaluate([read], model.content, content)  # refuses those that cannot be located
     test = limits.uncertainty if limits else TestUncertainty()
     must_be_complete = limits is not None or not surfaces
     verdict = judge(
@@ -131,7 +131,7 @@ def verify(
 
 
 def resolve_limits(mpe: LimitsInput, decision: Decision | None = None) -> PermissibleErrors | None:
-    """Return the limits given, read where they are a path; raises `BadInput`."""
+    """Return the limits, read if they are a path; raises `BadInput`."""
     if mpe is None:
         return None
     if isinstance(mpe, Mapping):

@@ -1,1 +1,1 @@
-"""Drivers, commands and causes that other packages bring, found by their entry points."""
+"""Drivers, commands and causes that other packages provide, found by their entry points."""

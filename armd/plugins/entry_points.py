@@ -1,9 +1,9 @@
-"""What other packages say of themselves: entry points `armd.drivers`, `armd.commands`,
-`armd.causes` (docs/developer/plugins.md).
+"""Entry points of other packages: `armd.drivers`, `armd.commands`, `armd.causes`.
 
-Nothing is looked for until a name is asked for that armd itself has not, or until all are listed:
-to read the metadata of all packages takes some ten milliseconds. A plug-in that does not load, or
-is not what its group wants, is reported once on standard error and skipped.
+docs/developer/plugins.md describes them. They are searched only for a name that armd itself does
+not have, or for a list of all names: reading the metadata of all packages takes some ten
+milliseconds. A plug-in that does not load, or does not fit its group, is reported once on standard
+error and skipped.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class Plugin:
     entry: EntryPoint
 
     def fault(self, problem: str, expected: str) -> BadInput:
-        """An error that names the package and the entry point."""
+        """Return an error that names the package and the entry point."""
         return BadInput(f"package {self.package}", f"{self.group} {self.name}", problem, expected)
 
     def fault_of(self, error: BaseException, expected: str) -> BadInput:
-        """The same of what its code raised."""
+        """Return such an error for an exception of the package's code."""
         message = " ".join(str(error).split())
         return self.fault(
             f"{type(error).__name__}: {message}" if message else repr(error), expected
@@ -47,9 +47,9 @@ class Plugin:
 def load_named(
     group: Group, name: str, built_in: Collection[str], check: Callable[[Plugin, Any], T]
 ) -> T | None:
-    """The plug-in *name*, or None if no package brings one that works.
+    """Load the plug-in *name*; None if no package provides one that works.
 
-    *check* returns what is used of a loaded object, or raises an error of `Plugin.fault`.
+    *check* returns the used part of a loaded object, or raises an error of `Plugin.fault`.
     """
     plugin = {plugin.name: plugin for plugin in _plugins(group, built_in)}.get(name)
     return None if plugin is None else _loaded(plugin, check)
@@ -58,20 +58,20 @@ def load_named(
 def load_all(
     group: Group, built_in: Collection[str], check: Callable[[Plugin, Any], T]
 ) -> dict[str, T]:
-    """All plug-ins of a group that work, by name."""
+    """Load all plug-ins of a group that work, by name."""
     loaded = ((plugin.name, _loaded(plugin, check)) for plugin in _plugins(group, built_in))
     return {name: value for name, value in loaded if value is not None}
 
 
 @cache
 def report(text: str) -> None:
-    """Say on standard error what is wrong with a plug-in; each text once in a process."""
+    """Report a fault of a plug-in on standard error; each text once in a process."""
     if sys.stderr is not None:
         print(to_printable(f"armd: {text}; skipped"), file=sys.stderr, flush=True)
 
 
 def _plugins(group: Group, built_in: Collection[str]) -> Iterator[Plugin]:
-    """In the order of their names; a name that is taken is reported."""
+    """Yield the plug-ins in the order of their names; a duplicate name is reported."""
     owner_of_name = dict.fromkeys(built_in, "armd itself")
     for entry in sorted(entry_points(group=group), key=lambda entry: (entry.name, entry.value)):
         package = "unknown" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"

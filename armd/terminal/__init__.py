@@ -1,1 +1,1 @@
-"""What a person types and reads: command lines, what was meant, what is said beside a result."""
+"""Text on the terminal: command lines, suggestions, and messages beside a result."""

@@ -1,4 +1,4 @@
-"""What several commands take: which arm, and numbers; what cannot be meant is refused at once."""
+"""Arguments of several commands: the arm, and numbers; invalid ones are refused at once."""
 
 from __future__ import annotations
 
@@ -10,43 +10,43 @@ import armd
 
 
 def add_arm(parser: argparse.ArgumentParser) -> None:
-    """Which arm's daemon, and where it is reached."""
+    """Add the arguments of an arm: its serial number, and its daemon's endpoint."""
     parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
     add_endpoint(parser)
 
 
 def add_endpoint(parser: argparse.ArgumentParser) -> None:
-    """Where a daemon is reached."""
+    """Add the option of a daemon's endpoint."""
     parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
 
 
 def parse_seconds(text: str) -> float:
-    """A duration."""
+    """Parse a duration in seconds, above 0."""
     return _number(text, lambda value: value > 0, "a number of seconds above 0")
 
 
 def parse_finite(text: str) -> float:
-    """A number of either sign."""
+    """Parse a number of either sign."""
     return _number(text, lambda value: True, "a number")
 
 
 def parse_positive(text: str) -> float:
-    """A length, or whatever must be more than nothing."""
+    """Parse a length or another number above 0."""
     return _number(text, lambda value: value > 0, "a number above 0")
 
 
 def parse_factor(text: str) -> float:
-    """A number that something is multiplied by."""
+    """Parse a factor: a number of 0 or more."""
     return _number(text, lambda value: value >= 0, "a number of 0 or more")
 
 
 def parse_seed(text: str) -> int:
-    """A seed of random numbers."""
+    """Parse a seed of random numbers."""
     return parse_integer(text, 0, 2**63 - 1)
 
 
 def parse_integer(text: str, minimum: int, maximum: int) -> int:
-    """An integer of *minimum* to *maximum*."""
+    """Parse an integer of *minimum* to *maximum*."""
     expected = f"a whole number, {minimum} to {maximum}"
     try:
         value = int(text)

@@ -1,4 +1,4 @@
-"""What a command says beside its result, on standard error: how far it is, and remarks."""
+"""Messages of a command beside its result, on standard error: progress and remarks."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from armd.terminal.loudness import LOG
 
 
 class Aside(Console):
-    """Mute with -q. With -v there is nothing that moves: each step is a line of the log."""
+    """A console that is mute with -q. With -v nothing moves: each step is a line of the log."""
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
-        still = verbose or not sys.stderr.isatty()  # FORCE_COLOR, as in Jupyter, makes none of it
+        still = verbose or not sys.stderr.isatty()  # FORCE_COLOR, as in Jupyter, makes no terminal
         super().__init__(stderr=True, quiet=quiet, force_terminal=False if still else None)
 
     def status(self, status: RenderableType, **options: Any) -> Status:
-        """A step of the work, as rich shows it."""
+        """Return the display of a step, as rich does."""
         return _Step(status, console=self, **options)
 
 
 class _Step(Status):
-    """One whose text is told to the log, too."""
+    """A step whose text also goes to the log."""
 
     def __init__(self, status: RenderableType, **options: Any) -> None:
         super().__init__(status, **options)
@@ -38,14 +38,14 @@ class _Step(Status):
         self._tell(str(status))
 
     def update(self, status: RenderableType | None = None, **options: Any) -> None:
-        """As rich does."""
+        """Update the display as rich does, and log the text."""
         if status is not None:
             self._tell(str(status))
         super().update(status, **options)
 
 
 def _teller() -> Callable[[str], None]:
-    """What tells the log of a step, but not of each number that counts up within it."""
+    """Return a function that logs each step once, ignoring numbers that count within it."""
     last: str | None = None
 
     def tell(text: str) -> None:
@@ -59,19 +59,19 @@ def _teller() -> Callable[[str], None]:
 
 
 def make_aside(args: argparse.Namespace) -> Aside:
-    """As -q and -v say. Errors are not said here."""
+    """Make the console for the options -q and -v. Errors are printed elsewhere."""
     return Aside(quiet=args.quiet, verbose=args.verbose)
 
 
 def report_compiling() -> None:
-    """One line before functions are compiled that no cache has: it takes longer than the work."""
+    """Print a line before functions are compiled: this takes longer than the work."""
     text = "armd: compiling for this machine, once: some 20 s of processor time"
     call_at_compiling(lambda: Console(stderr=True).print(text))
 
 
 @contextmanager
 def show_bar(console: Console, text: str) -> Iterator[Callable[[str, float], None]]:
-    """A bar on a terminal, and nothing elsewhere; what it gives takes a text and a share."""
+    """Show a bar on a terminal only; yield a function that takes a text and a share."""
     columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
     tell = _teller()
     tell(text)

@@ -1,8 +1,8 @@
-"""So many of something, as a person writes it."""
+"""A number and its noun."""
 
 from __future__ import annotations
 
 
 def format_count(n: int, noun: str) -> str:
-    """`1 reading`, `3 readings`; *noun* is regular."""
+    """Return `1 reading`, `3 readings`; *noun* is regular."""
     return f"{n} {noun}{'' if n == 1 else 's'}"

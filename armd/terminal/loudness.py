@@ -1,7 +1,7 @@
-"""How much a command says beside its result: less with -q, more with -v, of every command alike.
+"""The verbosity of all commands: fewer messages with -q, more with -v.
 
-What -v says are the records of the logger "armd" from INFO on: whoever reads or writes a file,
-connects or begins a step tells it there. A program that uses armd as a library hears them with
+-v prints the records of the logger "armd" from INFO on: every file read or written, connection and
+step is logged there. A program that uses armd as a library gets them with
 `logging.basicConfig(level=logging.INFO)`.
 """
 
@@ -20,16 +20,16 @@ from armd.printable import to_printable
 from armd.terminal.parser import Parser
 
 LOG = logging.getLogger("armd")
-#: Errors that a command answers in one line; with -v their traceback stands before it.
+#: Errors that a command reports in one line; with -v their traceback comes before it.
 ANSWERED = (ArmdError, OSError, MemoryError, ModuleNotFoundError)
 
-#: Exit code where armd itself is at fault: never 1, which a script takes for an answer. EX_SOFTWARE
-#: of sysexits.h.
+#: Exit code of a fault of armd itself: EX_SOFTWARE of sysexits.h. It is never 1, which scripts take
+#: for an answer.
 OWN_FAULT = 70
 
 
 def add_loudness(parser: argparse.ArgumentParser) -> None:
-    """The options -q and -v, of *parser* or of each of the commands below it."""
+    """Add the options -q and -v to *parser*, or to each of the commands below it."""
     if isinstance(parser, Parser) and parser.subcommands:
         for below in parser.subcommands.values():
             add_loudness(below)
@@ -47,7 +47,7 @@ def add_loudness(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def show_log(args: argparse.Namespace) -> Iterator[None]:
-    """While a command runs: with -v, what `LOG` is told stands on standard error."""
+    """Print the records of `LOG` on standard error while a command with -v runs."""
     if not args.verbose or sys.stderr is None:
         yield
         return
@@ -69,7 +69,7 @@ def show_log(args: argparse.Namespace) -> Iterator[None]:
 
 
 def _most_memory() -> str:
-    """In words; "" on a system that does not tell (Windows)."""
+    """Return the largest memory in words; "" where the system has no figure (Windows)."""
     try:
         import resource
     except ImportError:
@@ -78,7 +78,7 @@ def _most_memory() -> str:
 
 
 def _once() -> Callable[[logging.LogRecord], bool]:
-    """Of lines that are the same, the first: a file is looked into more often than once."""
+    """Return a filter that passes each text once: a file may be opened several times."""
     logged_texts: set[str] = set()
 
     def new(record: logging.LogRecord) -> bool:
@@ -91,9 +91,10 @@ def _once() -> Callable[[logging.LogRecord], bool]:
 
 
 def report_own_fault(error: Exception, culprit: str = "armd") -> int:
-    """For what nobody foresaw: its traceback, without -v too, for it may not come again.
+    """Report an unexpected error with its traceback, also without -v: it may not recur.
 
-    *culprit*: whose code it was."""
+    *culprit*: the owner of the faulty code.
+    """
     traceback.print_exception(error)
     name = type(error).__name__
     print(
@@ -105,7 +106,7 @@ def report_own_fault(error: Exception, culprit: str = "armd") -> int:
 
 
 class _Line(logging.Formatter):
-    """`armd:    0.41 s  read arm.toml, 2143 bytes`: seconds since the program was loaded."""
+    """`armd: 0.41 s read arm.toml, 2143 bytes`: seconds since the program was loaded."""
 
     def format(self, record: logging.LogRecord) -> str:
         line = f"armd: {record.relativeCreated / 1e3:7.2f} s  {to_printable(record.getMessage())}"

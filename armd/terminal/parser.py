@@ -1,4 +1,4 @@
-"""A command line whose faults are told as those of files are: in one line, with what was meant."""
+"""A command line parser that reports an error in one line, with a suggestion."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from armd.errors import shorten_lines
 from armd.terminal.suggest import suggest
 
-#: argparse's own words for a number that is none.
+#: argparse's own message for an invalid number.
 _NO_NUMBER = re.compile(r"invalid (int|float) value: (.*)")
 
 
@@ -22,9 +22,9 @@ def _expected_number(match: re.Match[str]) -> str:
 
 
 class Parser(argparse.ArgumentParser):
-    """Of a command, or of armd with all of them."""
+    """The parser of a command, or of armd with all its commands."""
 
-    #: shown where something is missing
+    #: shown where an argument is missing
     example = ""
     _words: Sequence[str] = ()
     _subcommands: Mapping[str, Parser] | None = None
@@ -36,48 +36,48 @@ class Parser(argparse.ArgumentParser):
 
     @property
     def subcommands(self) -> Mapping[str, Parser]:
-        """The parsers below this one by their words, without those below them."""
+        """The parsers below this one by their names, without those below them."""
         return self._subcommands or {}
 
     def list_options(self) -> list[str]:
-        """Returns every spelling of every option, those of the subcommands included."""
+        """List every spelling of every option, including those of the subcommands."""
         below = (option for parser in self.subcommands.values() for option in parser.list_options())
         return [spelling for a in self.arguments for spelling in a.option_strings] + [*below]
 
     def add_subparsers(self, **options: Any) -> Any:
-        """As argparse does; the subcommands that are added to it are kept for `subcommands`."""
+        """Add subparsers as argparse does; `subcommands` returns those added to them."""
         action = super().add_subparsers(**options)
         self._subcommands = action.choices
         return action
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As argparse does; the words are kept for `error`."""
+        """Parse as argparse does; the words are kept for `error`."""
         self._words = list(sys.argv[1:] if args is None else args)
         return super().parse_known_args(args, namespace)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As argparse does, but for words that nobody takes: see `refuse`."""
+        """Parse as argparse does; `refuse` handles unknown words."""
         parsed, unknown = self.parse_known_args(args, namespace)
         if unknown:
             self.refuse(unknown)
         return parsed
 
     def refuse(self, unknown: Sequence[str]) -> NoReturn:
-        """Exit code 2 for words that are no options of this command, and not one of its own."""
+        """Exit with code 2 for words that are no options of this command or its subcommands."""
         option = next((word for word in unknown if word.startswith("-")), None)
         if option is None:
             self.error(f"found {' '.join(map(repr, unknown))}, expected nothing more")
         name = option.partition("=")[0]
         known_options = self.list_options()
-        if name in known_options:  # of a command, and before it
+        if name in known_options:  # an option of a command, before the command
             self.error(f"found {name} here, expected the command first")
         self.error(f"found {name}, expected an option{suggest(name, known_options)}")
 
     def error(self, message: str) -> NoReturn:
-        """In one line: argparse would print all options before it."""
+        """Exit with a message in one line: argparse would print all options before it."""
         text = _NO_NUMBER.sub(_expected_number, " ".join(message.split()))
         text = shorten_lines(text)
-        if "required" in text:  # misspelt, it is not missing
+        if "required" in text:  # a misspelt option is not missing
             known_options = self.list_options()
             names = [word.partition("=")[0] for word in self._words if word.startswith("--")]
             strange = [
@@ -94,7 +94,7 @@ class Parser(argparse.ArgumentParser):
         sys.exit(2)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Of an argument with a list of choices."""
+        """Check an argument with a list of choices."""
         if action.choices is not None and value not in action.choices:
             choices = [str(choice) for choice in action.choices]
             raise argparse.ArgumentError(
@@ -104,7 +104,7 @@ class Parser(argparse.ArgumentParser):
             )
 
 
-#: What every command returns, unless its own entry says more.
+#: The exit codes of every command, unless its own entry has more.
 CODES = {
     0: "done",
     2: "bad usage or bad input: one line on standard error says what and where (-v: more)",
@@ -114,7 +114,7 @@ CODES = {
 
 @dataclass(frozen=True)
 class Usage:
-    """Of one command."""
+    """The further help of one command."""
 
     examples: tuple[str, ...]
     page: str
@@ -124,7 +124,7 @@ class Usage:
     """When the exit code is 1: the work ran, and the answer is no."""
 
     def text(self) -> str:
-        """As it stands below the options."""
+        """Return the text below the options."""
         codes = {0: CODES[0]} | ({1: self.no} if self.no else {}) | {2: CODES[2], 70: CODES[70]}
         blocks = {
             "example" if len(self.examples) == 1 else "examples": self.examples,

@@ -1,4 +1,4 @@
-"""Consoles: for text as it stands, and for what moves on a terminal."""
+"""Consoles: for plain text, and for moving displays on a terminal."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from rich.console import Console
 
 
 def make_plain_console() -> Console:
-    """A console for text with names that people chose: `S[/1]` and `:star:` are no markup."""
+    """Make a console for text with users' names: `S[/1]` and `:star:` are no markup."""
     return Console(markup=False, emoji=False)
 
 
 def make_moving_console(*, stderr: bool = False) -> Console:
-    """A console whose spinners and panels move on a terminal alone, whatever FORCE_COLOR says.
+    """Make a console whose spinners and panels move only on a terminal, even with FORCE_COLOR.
 
-    Jupyter sets FORCE_COLOR for what its cells start, and shows each frame as a line of its own.
+    Jupyter sets FORCE_COLOR for the programs of its cells, and shows each frame on a new line.
     """
     stream = sys.stderr if stderr else sys.stdout
     return Console(stderr=stderr, force_terminal=None if stream.isatty() else False)

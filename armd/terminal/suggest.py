@@ -1,4 +1,4 @@
-"""What somebody may have meant: the nearest of the words that are known."""
+"""Suggests the nearest known word for an unknown one."""
 
 from __future__ import annotations
 
@@ -12,42 +12,42 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-#: Below this likeness (difflib's ratio) a suggestion is a guess: `q9` for `q1` has 0.5, `alfa_deg`
-#: for `alpha_deg` 0.82, a word with one letter too few of six 0.91.
+#: Below this similarity (difflib's ratio) a suggestion is a guess: `q9` for `q1` has 0.5,
+#: `alfa_deg` for `alpha_deg` 0.82, a word of six letters without one of them 0.91.
 ALIKE = 0.7
-#: So many words can be read in one line.
+#: The most words in one line.
 MOST_SHOWN = 12
-#: A folder may have any number of files; these are compared in some milliseconds.
+#: The most files of a folder that are compared, in some milliseconds.
 MOST_COMPARED = 500
 
 
 def suggest(word: str, known_names: Iterable[str]) -> str:
-    """`: did you mean alpha_deg?`, or nothing."""
+    """Return `: did you mean alpha_deg?`, or an empty text."""
     like = find_nearest(word, known_names)
     return f": did you mean {like}?" if like else ""
 
 
 def find_nearest(word: str, known_names: Iterable[str]) -> str | None:
-    """The one of *known_names* that is most like *word*, if it is like it at all."""
+    """Return the one of *known_names* that is most similar to *word*, if one is similar."""
     by_lower = {name.lower(): name for name in known_names}
     matches = difflib.get_close_matches(word.lower(), by_lower, 1, ALIKE)
     return by_lower[matches[0]] if matches else None
 
 
 def suggest_names(word: str, known_names: Iterable[str]) -> str:
-    """`: did you mean alpha_deg?`, or where none is near, `: theta_deg, d_mm, …`."""
+    """Return `: did you mean alpha_deg?`, or if none is similar, `: theta_deg, d_mm, …`."""
     names = list(known_names)
     return suggest(word, names) or (f": {format_names(names)}" if names else "")
 
 
 def suggest_path(path: Path) -> str:
-    """`: did you mean src/T20?` of a path that leads nowhere, or nothing."""
+    """Return `: did you mean src/T20?` for a path that does not exist, or an empty text."""
     like = find_nearest(path.name, _names(path.parent))
     return f": did you mean {path.parent / like}?" if like else ""
 
 
 def list_folder(folder: Path) -> str:
-    """` (it has arm.toml, armd.toml)`: the files of a folder, or nothing."""
+    """Return the files of a folder, as ` (it has arm.toml, armd.toml)`, or an empty text."""
     files = sorted(name for name in _names(folder) if (folder / name).is_file())
     return f" (it has {format_names(files)})" if files else ""
 
@@ -61,14 +61,16 @@ def _names(folder: Path) -> list[str]:
 
 
 def format_names(names: Iterable[str]) -> str:
-    """All of them, or as many as can be read in one line."""
+    """Return all names in one line, or the first of them."""
     listed = list(names)
     return ", ".join(listed[:MOST_SHOWN]) + (", …" if len(listed) > MOST_SHOWN else "")
 
 
 def list_keys_at(model: type[BaseModel], location: Iterable[int | str]) -> list[str]:
-    """The keys that *model* knows in the table at *location*, a place as pydantic's errors say
-    it: keys, numbers of list elements, tags of unions."""
+    """List the keys that *model* knows in the table at *location*.
+
+    *location* is that of a pydantic error: keys, numbers of list elements, tags of unions.
+    """
     schema = model.model_json_schema(by_alias=True)
     tables = list(_resolved(schema, schema))
     for part in location:
@@ -92,11 +94,11 @@ def _children(table: dict[str, Any], part: int | str) -> Iterator[dict[str, Any]
     elif any(
         part == alternative.get("const") for alternative in table.get("properties", {}).values()
     ):
-        yield table  # the tag of a union, of which this is the member
+        yield table  # the tag of a union with this member
 
 
 def _resolved(table: dict[str, Any], schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Without references and alternatives."""
+    """Yield the tables without references and alternatives."""
     if "$ref" in table:
         name = table["$ref"].removeprefix("#/$defs/")
         yield from _resolved(schema["$defs"][name], schema)

@@ -1,1 +1,1 @@
-"""What people measure: sessions and readings, their formats, and their correction offline."""
+"""Measured data: sessions and readings, their formats, and their correction offline."""

@@ -1,4 +1,4 @@
-"""Work on many pieces, on all processors, what comes of them in the order of the pieces."""
+"""Processes many pieces on all processors and returns the results in the order of the pieces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TypeVar, cast
 
 import numpy as np
 
-#: What may stay free; glibc takes at most twice 32 MiB.
+#: Freed memory that the process may keep; glibc takes at most twice 32 MiB.
 KEPT_BYTES = 62 << 20
 Piece = TypeVar("Piece")
 T = TypeVar("T")
@@ -18,24 +18,26 @@ _END = object()
 
 
 def _processors() -> int:
-    """That this process may use; all of them where the system does not tell (macOS, Windows)."""
+    """Return the number of processors of this process; all if it is unknown (macOS, Windows)."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def keep_freed_memory() -> None:
-    """Have the C library keep some memory for the next piece's arrays when a piece's are freed.
+    """Let the C library keep a piece's freed memory for the next piece's arrays.
 
-    glibc gives back what is free beyond twice the largest block that it ever gave back alone. That
-    is little at first, and the system then hands out every page of every array anew, zeroed, which
-    took a third of the time. Elsewhere this does nothing. Up to `KEPT_BYTES` stay with the process.
+    glibc returns free memory beyond twice the largest block that it ever returned alone. That is
+    little at first, and the system then supplies every page of every array anew, zeroed, which took
+    a third of the time. On other systems this does nothing. Up to `KEPT_BYTES` stay with the
+    process.
     """
     np.empty(KEPT_BYTES // 2, np.uint8)
 
 
 def run_in_order(work: Callable[[Piece], T], pieces: Iterable[Piece]) -> Iterator[T]:
-    """`map`, in threads: for work that mostly leaves the interpreter alone (numpy, Arrow, `jit`).
+    """Map *work* over *pieces* in threads, for work that releases the interpreter (numpy, Arrow,
+    `jit`).
 
-    Only a few pieces are taken before what comes of them is asked for, so that memory stays flat.
+    Only a few pieces are taken before their results are requested, so that memory stays constant.
     """
     processors = _processors()
     if processors == 1:
@@ -56,9 +58,9 @@ def run_in_order(work: Callable[[Piece], T], pieces: Iterable[Piece]) -> Iterato
 
 
 def read_ahead(pieces: Iterable[Piece]) -> Iterator[Piece]:
-    """The same pieces, the next of which is made in a thread while the last is worked on.
+    """Yield the pieces, each of which is made in a thread while the one before is processed.
 
-    What making one raises is raised in its place.
+    An exception in making a piece is raised in its place.
     """
     iterator = iter(pieces)
 

@@ -1,1 +1,1 @@
-"""The next experiment: conditions, criteria, the choice of poses."""
+"""Design of the next experiment: conditions, criteria, the choice of poses."""

@@ -1,4 +1,4 @@
-"""Where an artefact could stand for a first calibration, and the readings on it there."""
+"""Possible placements of an artefact for a first calibration, and the readings on it there."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 
-#: ArtefactReadings that are tried, and postures that are tried in each.
+#: Placements that are tried, and postures that are tried in each.
 PLACES_TRIED, POSTURES_EACH = 12, 240
-#: An artefact stands as its own frame has it, tilted by up to this much.
+#: An artefact stands as in its own frame, turned about the vertical and tilted by at most this.
 MOST_TILT_RAD = np.radians(45.0)
-#: Readings in a place below which it is of no use.
+#: A placement with fewer readings is not used.
 LEAST_READINGS = 12
-#: A certified length counts as no better than this.
+#: The least uncertainty of a certified length.
 LENGTH_MM = 1e-3
 
 
@@ -42,14 +42,17 @@ class ArtefactReadings:
     turn: F64  # (p, 3, 3) of each placement, artefact's frame to base frame
 
     def rows(self, chosen: I64) -> ArtefactReadings:
-        """Some of the readings."""
+        """Return the *chosen* readings."""
         return ArtefactReadings(
             self.q[chosen], self.placement[chosen], self.target[chosen], self.turn
         )
 
     def groups(self, readings: int) -> I64:
-        """(n,) a number for each target in each placement, where *readings* are enough to touch all
-        of them; else for each placement. A certificate wants each placement held out in turn."""
+        """Return group numbers (n,): one for each target in each placement, or for each placement.
+
+        The latter is used where *readings* are not enough to touch all targets. A certificate needs
+        each placement held out in turn.
+        """
         seats = np.unique(np.stack([self.placement, self.target]), axis=1, return_inverse=True)[
             1
         ].reshape(-1)
@@ -59,7 +62,10 @@ class ArtefactReadings:
 
 
 def draw_target_positions(artefact: Artefact, reach_mm: float, rng: np.random.Generator) -> F64:
-    """(K, 3) mm; where nobody certified a position, one that agrees with the certified lengths."""
+    """Draw the targets' positions (K, 3) mm in the artefact's frame.
+
+    Positions that nobody certified are random but agree with the certified lengths.
+    """
     certified_mm = artefact.positions_mm()
     free = np.isnan(certified_mm[:, 0])
     if not free.any():
@@ -92,11 +98,12 @@ def draw_places(
     keeps: Callable[[F64], Mask],
     rng: np.random.Generator,
 ) -> ArtefactReadings:
-    """Readings in the three placements that tell most together, of PLACES_TRIED at random.
+    """Choose the three placements whose readings together determine most, of PLACES_TRIED random
+    ones.
 
-    *local_mm* (K, 3): the targets in the artefact's frame; *within* (m, N): postures that are
-    allowed, to begin at; *keeps* says which others are. Raises `BadInput` where the arm reaches the
-    artefact in too few places.
+    *local_mm* (K, 3): the targets in the artefact's frame. *within* (m, N): allowed postures to
+    begin at. *keeps* returns which other postures are allowed. Raises `BadInput` where the arm
+    reaches the artefact in too few placements.
     """
     up = -np.array(arm.gravity) / np.linalg.norm(arm.gravity)
     centres = compute_constant_columns(arm, within, parameters)[0][:PLACES_TRIED]
@@ -134,8 +141,7 @@ def draw_places(
 
 
 def _best_places(information: list[F64]) -> list[int]:
-    """LEAST_PLACEMENTS of them, one after the other, by the determinant of their
-    *information*, each (C, C)."""
+    """Choose LEAST_PLACEMENTS greedily by the determinant of their *information*, each (C, C)."""
     total = 1e-9 * np.trace(sum(information)) * np.eye(len(information[0]))
     chosen: list[int] = []
     for _ in range(LEAST_PLACEMENTS):
@@ -151,7 +157,10 @@ def _best_places(information: list[F64]) -> list[int]:
 def compute_artefact_columns(
     arm: Arm, parameters: F64, places: ArtefactReadings, artefact: Artefact
 ) -> ReadingColumns:
-    """Nuisances: six of each placement, three of each target without a certified position."""
+    """Compute the columns of readings on an artefact.
+
+    Nuisances: six of each placement, three of each target without a certified position.
+    """
     tip, constants = compute_constant_columns(arm, places.q, parameters)
     n, p = len(tip), len(places.turn)
     seats = np.flatnonzero(np.isnan(artefact.positions_mm()[:, 0]))
@@ -169,7 +178,7 @@ def compute_artefact_columns(
 
 
 def compute_length_rows(artefact: Artefact, local_mm: F64, placements: int, noise_mm: float) -> F64:
-    """(D, k) what the certified lengths tell of the nuisances, in units of a reading's noise."""
+    """Compute rows (D, k) of the certified lengths by the nuisances, over a reading's noise."""
     seats = np.flatnonzero(np.isnan(artefact.positions_mm()[:, 0])).tolist()
     names, first = artefact.target_names, 6 * placements
     rows = np.zeros((len(artefact.distances), first + 3 * len(seats)))

@@ -1,4 +1,4 @@
-"""Poses that an arm may take: clear of the table and of its own column, and come to rest."""
+"""Clearance of poses from the table and from the arm's own column, and poses at rest."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ RATE_RAD_S = 0.05  # of a joint that comes to rest
 
 
 def compute_height_mm(q: F64, constants: F64, arm: Arm) -> F64:
-    """(n,) height over the base, against gravity, of the lowest of all joints and the tip."""
+    """Compute the height (n,) over the base, against gravity, of the lowest joint or the tip."""
     up = -np.array(arm.gravity) / np.linalg.norm(arm.gravity)
     origins = compute_frames(q, constants)[0]
     tip = compute_jacobian(q, constants)[0]
@@ -25,8 +25,10 @@ def compute_height_mm(q: F64, constants: F64, arm: Arm) -> F64:
 def make_resting_states(
     q: F64, rng: np.random.Generator, arm: Arm, celsius: float, time_s: float
 ) -> States:
-    """Readings at angles (n, N), each joint coming to rest from either side, from any direction of
-    approach, all sensors at one temperature."""
+    """Make states of readings at angles (n, N), all sensors at one temperature.
+
+    Each joint comes to rest from a random side, with a random direction of approach.
+    """
     n = len(q)
     approach = rng.normal(size=(n, 3))
     return States(
@@ -40,6 +42,6 @@ def make_resting_states(
 
 
 def compute_column_distance_mm(q: F64, constants: F64) -> F64:
-    """(n,) distance of the tip from the base's first axis."""
+    """Compute the distance (n,) of the tip from the base's first axis."""
     distance: F64 = np.hypot(*compute_jacobian(q, constants)[0][:, :2].T)
     return distance

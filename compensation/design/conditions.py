@@ -1,4 +1,4 @@
-"""What could be measured next: poses and a climate, and their whitened rows on the unknowns."""
+"""Conditions of the next session: poses and a climate, and their whitened rows."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from armd.compensation.model.terms import Term
 from armd.errors import BadInput
 
 POOL = 300
-#: Least height of the tip over the base, and reach kept clear around the column.
+#: The least height of the arm over the base, and the least distance of the tip from the column.
 LOWEST_MM, CLEAR_MM = 0.0, 150.0
-#: Air temperatures to choose from, about the reference.
+#: Air temperatures to choose from, relative to the reference.
 AIR_K = (0.0, -5.0, 5.0)
 HEATED_K = 4.0  # of one sensor's link, by hand or by its own motor
 
@@ -54,7 +54,7 @@ class Climate:
 
 
 def list_climates(diagnosis: Diagnosis) -> list[Climate]:
-    """Climates to choose from, the least trouble first; the first alone without temperatures."""
+    """List the climates to choose from, the easiest first; only that one without temperatures."""
     last = diagnosis.search.last
     reference = last.model.reference_c
     has_temperature = np.isfinite(last.linear.rests.observations.states.temperature_c)
@@ -65,11 +65,11 @@ def list_climates(diagnosis: Diagnosis) -> list[Climate]:
 
 
 def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
-    """Poses within the limits, or where arm.toml has none within the ranges seen, each joint coming
-    to rest from either side, at the reference; no part of the arm is lower than its base or, where
-    one was, than the lowest of the sessions.
+    """Draw poses within the limits, or where arm.toml has none within the measured ranges.
 
-    Raises `BadInput` where no pose is so.
+    Each joint comes to rest from either side, at the reference temperature. No part of the arm is
+    lower than its base or, if one was, than the lowest of the sessions. Raises `BadInput` where no
+    pose meets this.
     """
     arm, last = diagnosis.arm, diagnosis.search.last
     rng = np.random.default_rng(seed)
@@ -90,7 +90,7 @@ def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
 
 
 def _ranges(arm: Arm, measured_rad: F64) -> tuple[F64, F64]:
-    """Lowest and highest angles (N,) that a joint is known to reach, rad."""
+    """Return the lowest and highest angles (N,) that a joint is known to reach, rad."""
     low, high = arm.limits_rad
     low = np.where(np.isfinite(low), low, measured_rad.min(axis=0))
     high = np.where(np.isfinite(high), high, measured_rad.max(axis=0))
@@ -98,9 +98,9 @@ def _ranges(arm: Arm, measured_rad: F64) -> tuple[F64, F64]:
 
 
 def set_climate(poses: States, climate: Climate, diagnosis: Diagnosis) -> States:
-    """The same poses at the climate's temperatures, links warmed by themselves as in the sessions.
+    """Return the poses at the climate's temperatures, with the links' own warming of the sessions.
 
-    What the artefact's temperature was then is taken for the air's.
+    The artefact's temperature in the sessions is taken for that of the air.
     """
     rests, arm = diagnosis.search.last.linear.rests, diagnosis.arm
     temperature_c = rests.observations.states.temperature_c
@@ -118,9 +118,9 @@ def set_climate(poses: States, climate: Climate, diagnosis: Diagnosis) -> States
 def whiten_rows(
     states: States, climate: Climate, last: Fit, candidates: Sequence[Candidate], arm: Arm
 ) -> tuple[F64, F64]:
-    """Whitened rows (n, 3, k) and tips (n, 3) mm of readings on one new placement.
+    """Compute whitened rows (n, 3, k) and tips (n, 3) mm of readings in one new placement.
 
-    Unknowns: the identified constants and terms (held: the directions of their covariance), the
+    Unknowns: the identified constants and terms (given: the directions of their covariance), the
     candidates' columns, the six of the placement.
     """
     model, baseline = last.linear.model, last.baseline
@@ -135,7 +135,7 @@ def whiten_rows(
         baseline.model.terms[i].model_copy(update={"coefficient": 1.0}) for i in baseline.terms
     ]
     slopes = [moves([probe]) for probe in probes]
-    identified = jac[:, :, np.array(baseline.parameters, dtype=np.int64)]  # none: held, and exact
+    identified = jac[:, :, np.array(baseline.parameters, dtype=np.int64)]  # none: exact
     identified_columns = np.concatenate(
         [identified, *(slope[:, :, None] for slope in slopes)], axis=2
     )
@@ -151,7 +151,7 @@ def whiten_rows(
 
 
 def _artefact(column: Column, position: F64, climate: Climate, last: Fit) -> F64:
-    """Motion (n, 3) of the targets, mm per unit; the new targets are not those that moved."""
+    """Compute the targets' motion (n, 3), mm per unit; the new targets are not those that moved."""
     if column.artefact is None or column.artefact.kind in ("target", "distance", "sag"):
         return np.zeros_like(position)
     warm = column.artefact.kind in ("expansion", "warmth")
@@ -161,15 +161,17 @@ def _artefact(column: Column, position: F64, climate: Climate, last: Fit) -> F64
 
 
 def _target_mm(last: Fit) -> float:
-    """How uncertain the position of a new target is: as those of the sessions there are."""
+    """Return the uncertainty of a new target's position, as those of the existing sessions."""
     observations = last.linear.rests.observations
     uncertainty = observations.uncertainty_mm[~observations.unknown]
     return float(np.sqrt(np.mean(uncertainty**2))) if len(uncertainty) else 0.0
 
 
 def _whitener(joints: F64, noise: RestNoise, target_mm: float) -> F64:
-    """(n, 3, 3): the noise of the sessions, as it would be in poses of Jacobian (n, 3, joints),
-    each at a target of its own."""
+    """Return the whitening (n, 3, 3) by the sessions' noise, for poses of Jacobian (n, 3, joints).
+
+    Each pose is at a target of its own.
+    """
     of_point = math.hypot(noise.repeat_mm, target_mm)
     covariance = ReadingNoise(noise.encoder_rad, of_point).covariance(joints)
     return make_whitening(covariance, np.ones(len(joints)))

@@ -1,8 +1,7 @@
-"""What the next experiment is asked, and how good an answer a covariance of the unknowns is.
+"""The aim of the next experiment, and how well a covariance of the unknowns meets it.
 
-Several causes: the projected signal-to-noise of each with another in the model
-(T-optimal). Nothing in doubt: the standard uncertainty of the least well known parameter
-(c-optimal).
+With several causes: the projected signal-to-noise of each with another in the model (T-optimal).
+With nothing in doubt: the standard uncertainty of the least well known parameter (c-optimal).
 """
 
 from __future__ import annotations
@@ -22,25 +21,26 @@ from armd.compensation.model.kinematics import compute_jacobian
 from armd.compensation.model.state import States
 from armd.errors import BadInput
 
-#: The block of the columns of the causes that are to be told apart.
+#: The block of the columns of the causes to be distinguished.
 ASKED = "asked"
-#: A parameter of which less than this share stays when all others are fitted along, though the
-#: whole pool is measured, is a gauge: the placement or the tip's offset does the same.
+#: A parameter is a gauge if less than this share of its column remains when all others are fitted
+#: along, with the whole pool measured: the placement or the tip's offset has the same effect.
 GAUGE_SHARE = 1e-5
-#: A rival so probable beside the likeliest must stand out from the others as the finding must.
+#: A rival with this probability relative to the likeliest must also be distinguished from the
+#: others.
 LEADING = 0.1
-#: Noise units between two causes from which on one is told with 95 % nearly always.
+#: From this separation in noise units, two causes are nearly always distinguished with 95 %.
 APART = 6.0
 
 
 @dataclass(frozen=True)
 class Between:
-    """Which of several causes it is: how far they stand apart."""
+    """The aim to distinguish several causes, by their separation."""
 
     words: str
-    signals: F64  # (e, l) what each of the causes to be told would show, by its unknowns
-    rivals: tuple[slice, ...]  # r causes they are told from, each its part of the extra unknowns
-    weight: F64  # (l, r) zero: a pair that is not to be told apart
+    signals: F64  # (e, l) the signal of each cause to be distinguished, by its unknowns
+    rivals: tuple[slice, ...]  # r causes to compare with, each its part of the extra unknowns
+    weight: F64  # (l, r) zero: a pair that need not be distinguished
     unit: str = "noise units"
 
     @property
@@ -49,11 +49,11 @@ class Between:
         return f"projected signal-to-noise of one with the other in the model{several}"
 
     def merit(self, prior: LinearModel, rows: F64 | None = None) -> F64:
-        """Noise units (n,) for all pairs, by the *prior* information on k unknowns, with each of
-        *rows* (n, 3, k) as one more reading, or (1,) as it is.
+        """Compute the joint separation (n,) of all pairs, in noise units.
 
-        The chance to take one of two causes for the other, d noise units away, is at most
-        √(p₁p₂)·exp(−d²/8) (Bhattacharyya): these add up.
+        *prior* is the information on k unknowns. Each of *rows* (n, 3, k) is one more reading;
+        without them the result is (1,). The probability to take one of two causes for the other, d
+        noise units away, is at most √(p₁p₂)·exp(−d²/8) (Bhattacharyya). These bounds are added.
         """
         separation_squared = self.separations(prior, rows) ** 2
         doubt = logsumexp(-separation_squared / 8.0, axis=(1, 2), b=self.weight / self.weight.sum())
@@ -61,7 +61,7 @@ class Between:
         return together
 
     def separations(self, prior: LinearModel, rows: F64 | None = None) -> F64:
-        """(n, l, r) projected signal-to-noise of each signal with each rival in the model."""
+        """Compute the signal-to-noise (n, l, r) of each signal, projected off each rival."""
         c, e = prior.layout.find_other_columns([ASKED]), prior.layout.find_columns([ASKED])
         covariance = prior.only(c).covariance
         across = covariance @ prior.gram[np.ix_(c, e)]
@@ -89,17 +89,17 @@ class Between:
         return separation
 
     def settled(self, merit: float) -> bool:
-        """Whether causes so far apart will be told."""
+        """Return whether causes with this separation will be distinguished."""
         return merit >= APART
 
     def figure(self, merit: float) -> float:
-        """A merit in `unit`."""
+        """Return a merit in `unit`."""
         return merit
 
 
 @dataclass(frozen=True)
 class Weakest:
-    """How large the parameter is that is known least well."""
+    """The aim to reduce the uncertainty of the least well known parameter."""
 
     words: str
     quantity: str
@@ -107,7 +107,7 @@ class Weakest:
     unit: str = "µm at the tip"
 
     def merit(self, prior: LinearModel, rows: F64 | None = None) -> F64:
-        """One over the standard uncertainty, as `Between.merit`."""
+        """Compute one over the standard uncertainty; arguments as in `Between.merit`."""
         covariance = prior.covariance
         towards = covariance @ self.direction
         variance = np.array([self.direction @ towards])
@@ -120,11 +120,14 @@ class Weakest:
         return precision
 
     def settled(self, merit: float) -> bool:
-        """A parameter can always be tighter: a few poses are enough at once."""
+        """Return True for a merit above 0: a few poses are enough.
+
+        A parameter could always be known better.
+        """
         return merit > 0.0
 
     def figure(self, merit: float) -> float:
-        """A merit in `unit`."""
+        """Return a merit in `unit`."""
         return 1.0 / merit
 
 
@@ -132,11 +135,11 @@ Criterion = Between | Weakest
 
 
 def compare_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: LinearModel) -> Between:
-    """Which of the finding and its rivals it is, by the *prior* information.
+    """Make the criterion that distinguishes the finding and its rivals, by the *prior* information.
 
-    Pairs that stay one signal even to the *richest* information are left out where others do not.
-    The block `ASKED` has the finding's columns, then each rival's. The finding may be wrong: a
-    rival that is likely must stand out from the others too.
+    Pairs that even the *richest* information cannot separate are left out, unless all are. The
+    block `ASKED` has the finding's columns, then each rival's. The finding may be wrong, so a
+    likely rival must also be distinguished from the others.
     """
     candidates = [doubt.finding.candidate, *doubt.rivals]
     share = np.array([doubt.finding.probability, *doubt.share])
@@ -155,8 +158,10 @@ def compare_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: LinearM
 
 
 def _passing(information: F64, signal: F64, rival: slice) -> F64:
-    """What a rival shows (e,) that passes best for a *signal* (e,), by the *information* (e, e) of
-    the readings."""
+    """Return the amplitudes (e,) of a rival that imitate a *signal* (e,) best.
+
+    *information* (e, e) is that of the readings.
+    """
     signal_of_rival = np.zeros(len(information))
     signal_of_rival[rival] = np.linalg.lstsq(
         information[rival, rival], information[rival] @ signal, rcond=1e-9
@@ -167,7 +172,11 @@ def _passing(information: F64, signal: F64, rival: slice) -> F64:
 def find_weakest(
     last: Fit, arm: Arm, prior: LinearModel, richest: LinearModel, poses: States
 ) -> Weakest:
-    """The constant known least well, in µm at the tip, of those that poses can settle at all."""
+    """Find the least well known constant, in µm at the tip, of those that poses can determine at
+    all.
+
+    Raises `BadInput` for a calibration without a covariance of constants.
+    """
     baseline = last.baseline
     if not baseline.parameters:
         raise BadInput("calibration", "covariance", "none", "that of the constants to tighten")

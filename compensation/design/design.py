@@ -1,6 +1,6 @@
-"""The next experiment: of many poses and climates, those that tell the most.
+"""Design the next experiment: choose the most informative of many poses and climates.
 
-All other unknowns and a new placement are fitted along. Poses are taken greedily, then exchanged
+All other unknowns and a new placement are fitted along. Poses are chosen greedily, then exchanged
 while that helps.
 """
 
@@ -35,34 +35,34 @@ from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 
-FEW, MANY = 12, 24  # poses to choose unless told how many
-TOLD_AT_ALL = 2.0  # noise units between two causes under which they are not told apart
+FEW, MANY = 12, 24  # poses to choose if no number is given
+TOLD_AT_ALL = 2.0  # noise units between two causes below which more poses are no help
 MOST_EXCHANGES = 3
-WORTHWHILE = 1.01  # least factor by which an exchange must help
-WORTH_A_CLIMATE = 1.1  # least factor by which a climate must beat one of less trouble
+WORTHWHILE = 1.01  # least factor by which an exchange must improve the criterion
+WORTH_A_CLIMATE = 1.1  # least factor by which a climate must beat an easier one
 PLACEMENT = "placement"  # of the poses to be chosen
-#: Prior of the unknowns, as a share of what the whole pool would tell: makes gauges invertible.
+#: Prior of the unknowns, as a share of the whole pool's information: makes gauges invertible.
 RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Chosen conditions, and what they are worth in the criterion's unit."""
+    """The chosen conditions, and their value in the criterion's unit."""
 
     criterion: Criterion
     climate: Climate
     states: States  # of the chosen poses
     tip_mm: F64  # (n, 3) base frame
-    before: float  # with the sessions there are
+    before: float  # with the existing sessions
     after: float  # with the experiment
     parameters: F64  # (P,) of the model, for the picture
 
 
 def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Experiment:
-    """Choose a climate and *poses* poses for the next session, on one new placement.
+    """Choose a climate and *poses* poses for the next session, in one new placement.
 
-    None: a dozen; more where they leave causes too close to each other.
-    Raises `BadInput` when nothing is in doubt and the calibration tells no uncertainties.
+    None: a dozen; more where they leave causes too close to each other. Raises `BadInput` when
+    nothing is in doubt and the calibration states no uncertainties.
     """
     last, arm = diagnosis.search.last, diagnosis.arm
     doubt = find_most_doubtful(diagnosis)
@@ -106,7 +106,7 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
 
 
 def _make_prior(last: Fit, candidates: list[Candidate], arm: Arm) -> LinearModel:
-    """What the sessions there are tell of the unknowns; of the placement to come, nothing."""
+    """Return the existing sessions' information on the unknowns; none on the new placement."""
     asked_columns = (
         np.hstack(make_finding_columns(last.linear, candidates, arm)) if candidates else None
     )
@@ -115,7 +115,7 @@ def _make_prior(last: Fit, candidates: list[Candidate], arm: Arm) -> LinearModel
         white = last.noise.whiten(asked_columns)
         free = np.full(asked_columns.shape[1], np.inf)
         problem = problem.joined(ASKED, white.T @ white, last.across(asked_columns), free)
-    # A finding that is asked about is there as a candidate.
+    # A finding that is asked about takes part as a candidate.
     places = [candidate.place for candidate in candidates]
     itself = [
         name_block(i)
@@ -145,7 +145,10 @@ def _best(
 
 
 def _greedy(prior: LinearModel, rows: F64, criterion: Criterion, poses: int) -> list[int]:
-    """The first few pay for the placement's six unknowns only; exchanges make good for them."""
+    """Choose poses greedily.
+
+    The first few only determine the placement's six unknowns; exchanges replace them afterwards.
+    """
     chosen: list[int] = []
     for _ in range(min(poses, len(rows))):
         total = prior.measured(rows[chosen])
@@ -154,7 +157,7 @@ def _greedy(prior: LinearModel, rows: F64, criterion: Criterion, poses: int) -> 
 
 
 def _extend(prior: LinearModel, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
-    """With as many more as settle the criterion, up to MANY; none if these hardly help."""
+    """Add as many poses as settle the criterion, up to MANY; none if these hardly help."""
     extended, merit = list(chosen), _merit(prior.measured(rows[chosen]), criterion)
     while len(extended) < min(MANY, len(rows)) and not criterion.settled(merit):
         best, merit = _best(prior.measured(rows[extended]), rows, criterion, extended)

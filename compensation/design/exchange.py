@@ -1,8 +1,8 @@
 """D-optimal choice among candidate readings: greedy and random starts, then Fedorov's exchanges.
 
 V. V. Fedorov, Theory of Optimal Experiments, 1972. The criterion is the determinant of the
-constants' information with the nuisances eliminated (D_s-optimal): det M / det M_nuisances, whose
-change with one reading more is a determinant of the reading's own size.
+constants' information with the nuisances eliminated (D_s-optimal): det M / det M_nuisances. Its
+change by one more reading is a determinant of the reading's own size.
 """
 
 from __future__ import annotations
@@ -18,27 +18,30 @@ from armd.compensation.design.observability import (
     eliminate_nuisances,
 )
 
-#: Prior, as a share of what all candidates together tell: makes a start of few readings invertible.
+#: Prior, as a share of the information of all candidates: makes a start of few readings invertible.
 RIDGE = 1e-9
-#: Starts beside the greedy one: exchanges end in a local best.
+#: Starts besides the greedy one, because exchanges end in a local optimum.
 RANDOM_STARTS = 4
-#: Chosen readings that are tried for an exchange from each start: bounds the work, not the time.
+#: Exchanges that are tried from each start: this bounds the work, not the time.
 MOST_TRIALS = 600
-#: Least rise of the log determinant that is worth an exchange.
+#: The least rise of the log determinant for which readings are exchanged.
 LEAST_RISE = 1e-6
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Candidate rows in coordinates in which all candidates together tell 1 of each direction."""
+    """Candidate rows, in coordinates in which all candidates have unit information in total."""
 
     rows: F64  # (n, r, k + m), nuisances first
     nuisances: int  # k
-    base: F64  # (k + m, k + m) what is known without any reading
+    base: F64  # (k + m, k + m) information without any reading
 
 
 def make_candidates(columns: ReadingColumns, fixed: F64 | None = None) -> Candidates:
-    """*fixed* (D, k): rows that tell of the nuisances alone, and are there in any case."""
+    """Make candidates of the columns of readings.
+
+    *fixed* (D, k): rows of the nuisances alone, which are known in any case.
+    """
     n, r, _ = columns.nuisances.shape
     basis, free_columns = eliminate_nuisances(columns, fixed)
     u, s, _ = np.linalg.svd(free_columns, full_matrices=False)
@@ -48,17 +51,17 @@ def make_candidates(columns: ReadingColumns, fixed: F64 | None = None) -> Candid
 
 
 def compute_log_determinant(candidates: Candidates, chosen: list[int]) -> float:
-    """Of the information on the constants, relative to that of all candidates."""
+    """Compute the log determinant of the constants' information, relative to all candidates."""
     total = _information(candidates, chosen)
     k = candidates.nuisances
     return float(np.linalg.slogdet(total)[1] - np.linalg.slogdet(total[:k, :k])[1])
 
 
 def choose_readings(candidates: Candidates, count: int, group: I64, seed: int = 0) -> list[int]:
-    """*count* different candidates: the best of exchanges from a greedy and from random starts.
+    """Choose *count* different candidates: the best of exchanges from a greedy and random starts.
 
-    Each *group* (n,) of candidates, numbered from 0, gets as many readings as the others, as far
-    as it has them.
+    Each *group* (n,) of candidates, numbered from 0, gets as many readings as the others, as far as
+    it has them.
     """
     shares = split_count(count, np.bincount(group))
     rng = np.random.default_rng(seed)
@@ -85,7 +88,7 @@ def _greedy_start(candidates: Candidates, shares: I64, group: I64) -> list[int]:
 
 
 def split_count(count: int, sizes: I64) -> I64:
-    """How many of *count* each group gets, evenly, none more than its size."""
+    """Split *count* evenly over groups, with no share above a group's size."""
     shares = np.zeros_like(sizes)
     while shares.sum() < min(count, sizes.sum()):
         open_ = np.flatnonzero(shares < sizes)
@@ -94,7 +97,7 @@ def split_count(count: int, sizes: I64) -> I64:
 
 
 def replace_readings(candidates: Candidates, chosen: list[int], group: I64) -> list[int]:
-    """Exchange one of *chosen* after the other for the best of its group, while that helps."""
+    """Exchange each of *chosen* in turn for the best of its group, while that helps."""
     chosen, unchanged = list(chosen), 0
     for trial in range(MOST_TRIALS):
         place = trial % len(chosen)
@@ -119,7 +122,7 @@ def _information(candidates: Candidates, chosen: list[int]) -> F64:
 
 
 def _rises(candidates: Candidates, information: F64) -> F64:
-    """(n,) by how much one reading more raises the log determinant of the constants."""
+    """Compute the rise (n,) of the constants' log determinant by one more reading."""
     k = candidates.nuisances
     total_rise = _log_rises(candidates.rows, information)
     rise: F64 = total_rise - _log_rises(candidates.rows[:, :, :k], information[:k, :k])
@@ -127,7 +130,7 @@ def _rises(candidates: Candidates, information: F64) -> F64:
 
 
 def _log_rises(rows: F64, information: F64) -> F64:
-    """log det(I + R M⁻¹ Rᵀ) of each candidate R (r, c): the matrix determinant lemma."""
+    """Compute log det(I + R M⁻¹ Rᵀ) of each candidate R (r, c): the matrix determinant lemma."""
     n, r, c = rows.shape
     root = np.linalg.cholesky(information)
     white = np.linalg.solve(root, rows.reshape(n * r, c).T).T.reshape(n, r, c)

@@ -1,4 +1,4 @@
-"""The poses before the first measurement: D-optimal for the constants of an arm as drawn."""
+"""Choose the poses before the first measurement: D-optimal for the constants of a nominal arm."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import compute_pose
 from armd.errors import BadInput
 
-#: Candidate postures, and how many are drawn at most to find as many within the bounds.
+#: Candidate postures, and the most postures that are drawn to find as many within the bounds.
 POOL, DRAWN = 600, 60_000
-#: Fewer candidates leave nothing to choose from.
+#: With fewer candidates there is no real choice.
 LEAST_POOL = 60
-#: Assumed noise of a reading per axis; the encoders' resolution adds to it.
+#: Assumed noise of a reading per axis; the encoders' resolution is added.
 READING_MM = 0.05
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What postures must keep to beside the limits of arm.toml; None: nothing."""
+    """Bounds of postures besides the limits of arm.toml; None: no bound."""
 
     reach_mm: tuple[float, float] | None = None  # least and most distance of the tip from the base
     lowest_mm: float | None = None  # least height over the base of any part of the arm
@@ -55,21 +55,21 @@ class Bounds:
 
 @dataclass(frozen=True, kw_only=True)
 class FirstExperiment:
-    """Chosen postures, and how well they determine the constants."""
+    """The chosen postures, and how well they determine the constants."""
 
     parameters: F64  # (P,) of the model
     q: F64  # (n, N) rad
     tip_mm: F64  # (n, 3) base frame
-    placements: list[str]  # (n,); none of a tracker's points
-    targets: list[str]  # (n,); none of a tracker's points
-    constants: int  # asked for, as `armd calibrate` asks
+    placements: list[str]  # (n,); empty for a tracker's points
+    targets: list[str]  # (n,); empty for a tracker's points
+    constants: int  # to identify, as in `armd calibrate`
     structural_rank: int
-    rank: int  # of the directions that are known to a tenth of their plausible departure
+    rank: int  # number of directions known to a tenth of their plausible departure
     singular_values: F64  # (structural_rank,) mm per plausible departure, descending
     noise_mm: float
-    not_known: list[str]  # in words, of directions that better postures determine
+    not_known: list[str]  # in words, directions that better postures would determine
     below_base: int  # postures in which a part of the arm is lower than its base
-    certificate: int  # readings that a certificate wants
+    certificate: int  # readings that a certificate needs
 
     @property
     def observability(self) -> dict[str, float]:
@@ -77,14 +77,14 @@ class FirstExperiment:
 
     @property
     def condition_number(self) -> float | None:
-        """None where a direction is not determined at all."""
+        """The largest over the smallest singular value; None if the latter is 0."""
         smallest = float(self.singular_values[-1])
         return float(self.singular_values[0]) / smallest if smallest > 0.0 else None
 
 
 @dataclass(frozen=True)
 class _Campaign:
-    """Candidate readings and their columns; *fixed* rows tell of the nuisances alone."""
+    """Candidate readings and their columns; *fixed* rows contain only the nuisances."""
 
     places: ArtefactReadings
     columns: ReadingColumns
@@ -100,10 +100,11 @@ def design_first(
     bounds: Bounds | None = None,
     seed: int = 1,
 ) -> FirstExperiment:
-    """Choose *readings* postures (None: as many as a certificate wants) for a first calibration.
+    """Choose *readings* postures for a first calibration (None: as many as a certificate needs).
 
-    Without an *artefact* a tracker sees the tip in one placement. *parameters* (P,): the model's.
-    Raises `BadInput` for too few or too many readings, and for bounds that no posture keeps.
+    Without an *artefact* a tracker measures the tip in one placement. *parameters* (P,): the
+    model's. Raises `BadInput` for too few or too many readings, and for bounds that no posture
+    keeps.
     """
     bounds = bounds or Bounds()
     placements = 1 if artefact is None else LEAST_PLACEMENTS
@@ -152,7 +153,7 @@ def _require_between(readings: int | None, minimum: int, maximum: int) -> None:
 
 
 def _is_within(arm: Arm, parameters: F64, q: F64, bounds: Bounds) -> Mask:
-    """(n,) which postures keep the bounds; the limits are kept in any case."""
+    """Return which postures (n,) keep the bounds; callers keep the joint limits."""
     keeps: Mask = np.ones(len(q), dtype=bool)
     if bounds.reach_mm is not None:
         base = parameters[arm.layout.base][:3]
@@ -164,7 +165,10 @@ def _is_within(arm: Arm, parameters: F64, q: F64, bounds: Bounds) -> Mask:
 
 
 def _draw_postures(arm: Arm, parameters: F64, bounds: Bounds, rng: np.random.Generator) -> F64:
-    """(m, N) rad, uniform within the limits, of which the bounds are kept; POOL at most."""
+    """Draw postures (m, N) rad, uniform within the limits, that keep the bounds; POOL at most.
+
+    Raises `BadInput` if fewer than LEAST_POOL keep them.
+    """
     q = rng.uniform(*arm.range_rad, (DRAWN, arm.n_joints))
     q = q[_is_within(arm, parameters, q, bounds)][:POOL]
     if len(q) < LEAST_POOL:
@@ -192,7 +196,10 @@ def _make_artefact_campaign(
     artefact: Artefact,
     rng: np.random.Generator,
 ) -> _Campaign:
-    """The structural rank is that of all candidates, hundreds of random postures."""
+    """Draw candidate readings of an artefact.
+
+    The structural rank is that of all candidates, hundreds of random postures.
+    """
     local = draw_target_positions(artefact, arm.reach_mm, rng)
 
     def keeps(q: F64) -> Mask:
@@ -206,7 +213,7 @@ def _make_artefact_campaign(
 
 
 def _assess_readings(arm: Arm, campaign: _Campaign, chosen: I64) -> tuple[F64, int, list[str]]:
-    """Singular values (structural rank,), rank, and in words what is not known though it can be."""
+    """Return singular values (structural rank,), rank, and the undetermined directions in words."""
     s, directions = factorise_constants(campaign.columns.rows(chosen), campaign.fixed)
     s = s[: campaign.structural_rank]
     s = np.where(s > ROUNDING * s[0], s, 0.0)
@@ -216,6 +223,9 @@ def _assess_readings(arm: Arm, campaign: _Campaign, chosen: I64) -> tuple[F64, i
 
 
 def _noise_mm(arm: Arm) -> float:
-    """Of a reading, per axis: READING_MM, and the encoders' resolution at half the arm's reach."""
+    """Return a reading's noise per axis, from READING_MM and the encoders' resolution.
+
+    The resolution acts at half the arm's reach.
+    """
     steps = [2.0 * math.pi / j.counts_per_turn for j in arm.joint if j.counts_per_turn]
     return math.hypot(READING_MM, 0.5 * arm.reach_mm * math.hypot(*steps) / math.sqrt(12.0))

@@ -1,12 +1,12 @@
-"""How well poses determine the constants: singular values, ranks, and the indices O1 to O5.
+"""Measures of how well poses determine the constants: singular values, ranks, indices O1 to O5.
 
 Y. Sun and J. M. Hollerbach, Observability index selection for robot calibration, ICRA 2008, give
-the five indices of an identification Jacobian with singular values σ₁ ≥ … ≥ σ_m and n poses:
-O1 = (σ₁ … σ_m)^(1/m) / √n, O2 = σ_m / σ₁, O3 = σ_m, O4 = σ_m² / σ₁, O5 = 1 / (1/σ₁ + … + 1/σ_m).
+the five indices of an identification Jacobian with singular values σ₁ ≥ … ≥ σ_m and n poses: O1 =
+(σ₁ … σ_m)^(1/m) / √n, O2 = σ_m / σ₁, O3 = σ_m, O4 = σ_m² / σ₁, O5 = 1 / (1/σ₁ + … + 1/σ_m).
 
-Columns are scaled by `PLAUSIBLE` departures (10 mm, 0.02 rad), as `armd calibrate` scales them, so
-that σ is in mm. Placements and seats are eliminated first. The m directions are those that move a
-point at all: the structural rank.
+Columns are scaled by `PLAUSIBLE` departures (10 mm, 0.02 rad), as in `armd calibrate`, so that σ is
+in mm. Placements and seats are eliminated first. The m directions are those that move a point at
+all: the structural rank.
 """
 
 from __future__ import annotations
@@ -33,13 +33,15 @@ class ReadingColumns:
     tip_mm: F64  # (n, 3)
 
     def rows(self, chosen: I64) -> ReadingColumns:
-        """Some of the readings."""
+        """Return the *chosen* readings."""
         return ReadingColumns(self.constants[chosen], self.nuisances[chosen], self.tip_mm[chosen])
 
 
 def compute_constant_columns(arm: Arm, q: F64, parameters: F64) -> tuple[F64, F64]:
-    """Tips (n, 3) mm, and what the constants that `armd calibrate` identifies move them by
-    (n, 3, C), mm per plausible departure."""
+    """Compute tips (n, 3) mm and the columns (n, 3, C) of the constants.
+
+    The constants are those that `armd calibrate` identifies, in mm per plausible departure.
+    """
     tip, derivatives = compute_jacobian(q, parameters)
     unknowns = Unknowns(list_free_constants(arm))
     no_terms = np.zeros((len(q), 0))
@@ -48,16 +50,16 @@ def compute_constant_columns(arm: Arm, q: F64, parameters: F64) -> tuple[F64, F6
 
 
 def compute_tracker_columns(arm: Arm, q: F64, parameters: F64) -> ReadingColumns:
-    """Of a tracker's points: one unknown pose of its frame."""
+    """Compute the columns of a tracker's points, with one unknown pose of its frame."""
     tip, constants = compute_constant_columns(arm, q, parameters)
     return ReadingColumns(constants, make_rigid_columns(tip - tip.mean(axis=0)), tip)
 
 
 def eliminate_nuisances(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
-    """Orthonormal nuisances (m, k'), and the constants' columns (m, C) clear of these.
+    """Return orthonormal nuisances (m, k'), and the constants' columns (m, C) orthogonal to them.
 
-    *fixed* (D, k): rows that tell of the nuisances alone, such as certified lengths; they are the
-    last of m = n · r + D.
+    *fixed* (D, k): rows of the nuisances alone, such as certified lengths; they are the last of m =
+    n · r + D.
     """
     k, c = columns.nuisances.shape[2], columns.constants.shape[2]
     nuisances, constants = columns.nuisances.reshape(-1, k), columns.constants.reshape(-1, c)
@@ -66,42 +68,50 @@ def eliminate_nuisances(columns: ReadingColumns, fixed: F64 | None = None) -> tu
         constants = np.vstack([constants, np.zeros((len(fixed), c))])
     basis = _orthonormal(nuisances)
     free_columns = constants - basis @ (basis.T @ constants)
-    return basis, free_columns - basis @ (basis.T @ free_columns)  # twice: what rounding left
+    return basis, free_columns - basis @ (basis.T @ free_columns)  # twice: removes rounding
 
 
 def factorise_constants(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
-    """Singular values (C,) descending, and directions (C, C) as columns, nuisances eliminated."""
+    """Compute singular values (C,), descending, and directions (C, C) as columns.
+
+    Nuisances are eliminated.
+    """
     free_columns = eliminate_nuisances(columns, fixed)[1]
     _, s, vt = np.linalg.svd(np.linalg.qr(free_columns, mode="r"), full_matrices=True)
     return np.concatenate([s, np.zeros(len(vt) - len(s))]), vt.T
 
 
 def _orthonormal(columns: F64) -> F64:
-    """(m, rank) of columns (m, k), without directions that are rounding."""
+    """Return an orthonormal basis (m, rank) of columns (m, k), without directions that are
+    rounding.
+    """
     u, s, _ = np.linalg.svd(columns, full_matrices=False)
     basis: F64 = u[:, s > ROUNDING * s.max(initial=0.0)]
     return basis
 
 
 def count_directions(singular_values: F64) -> int:
-    """How many of them are no rounding."""
+    """Count the singular values that are more than rounding errors."""
     return int((singular_values > ROUNDING * singular_values.max(initial=0.0)).sum())
 
 
 def compute_structural_rank(arm: Arm, parameters: F64, seed: int = 0) -> int:
-    """Combinations of the constants that points all over each joint's turn determine.
+    """Count the combinations of the constants that points over all joints' turns determine.
 
     For a chain without parallel axes it is 4 N − 3: four constants a joint and three of the tip,
     less two that move the whole arm about its first axis and four that the last joint shares with
-    the tip. Of parallel axes, β replaces d (`list_free_constants`), so that they reduce nothing by
-    themselves; special geometry can.
+    the tip. For parallel axes, β replaces d (`list_free_constants`), so they alone do not reduce
+    it; special geometry can.
     """
     q = np.random.default_rng(seed).uniform(-np.pi, np.pi, (GAUGE_POSTURES, arm.n_joints))
     return count_directions(factorise_constants(compute_tracker_columns(arm, q, parameters))[0])
 
 
 def compute_observability_indices(singular_values: F64, poses: int) -> dict[str, float]:
-    """O1 to O5 of singular values (m,), descending, in n *poses*; 0 where one of them is 0."""
+    """Compute O1 to O5 of singular values (m,), descending, in n *poses*.
+
+    All are 0 if the smallest is 0.
+    """
     s = np.asarray(singular_values, dtype=float)
     largest, smallest = float(s[0]), float(s[-1])
     if smallest <= 0.0:

@@ -1,4 +1,4 @@
-"""Postures that bring the tip to a target."""
+"""Find postures that bring the tip to a target."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from armd.compensation.model.kinematics import compute_jacobian
 ITERATIONS = 25
 #: A posture reaches its target when the tip comes this near.
 REACHED_MM = 0.5
-#: Longest step of a joint, and the damping of short ones.
+#: The longest step of a joint, and the damping of steps.
 STEP_RAD, DAMPING_MM = 0.4, 3.0
 
 

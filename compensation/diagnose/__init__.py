@@ -1,1 +1,1 @@
-"""From residuals to causes: what a model gets wrong, why, and the gain of mending it."""
+"""The diagnosis: causes of the residuals of a model, and the gain of correcting them."""

@@ -1,4 +1,4 @@
-"""What a diagnosis ends with: its findings and what held-out readings say of them."""
+"""The conclusion of a diagnosis: its findings, as judged by held-out readings."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ from armd.compensation.model.calibration import Calibration
 
 @dataclass(frozen=True)
 class HeldoutJudgement:
-    """What held-out readings say of a search's findings, and which readings are outliers."""
+    """The judgement of a search's findings by held-out readings, and the outliers."""
 
     squares: Sequence[F64]  # (n,) mm² of each held-out reading, without findings and after each
     groups: I64
-    readings: Observations  # these
+    readings: Observations  # the held-out readings
     gains: Sequence[Gain]
     written: ValidatedFindings
     outlying: I64  # numbers of rests
@@ -51,11 +51,11 @@ class HeldoutJudgement:
 
 
 def describe_readings(searched: SearchOutcome, arm: Arm) -> list[str]:
-    """What there is to say of a search's readings and of the model that they were searched by."""
+    """Return remarks about a search's readings and the model under which they were searched."""
     result, baseline, remarks = searched.result, searched.baseline, list[str]()
     if len(result.last.findings) == len(result.searched.findings):
         remarks += report_growth(baseline)
-    if has_reflectors(searched.sessions):  # whose readings lie at no common tip
+    if has_reflectors(searched.sessions):  # reflectors have no common tip
         return remarks
     remarks += report_misnamed(
         searched.sessions,
@@ -74,8 +74,10 @@ def make_diagnosis(
     work: WorkBudget,
     command: str,
 ) -> Diagnosis:
-    """The diagnosis that a search and its judgement by held-out readings come to; *remarks*: what
-    there is to say of the readings."""
+    """Make the diagnosis of a search and of its judgement by held-out readings.
+
+    *remarks*: those about the readings.
+    """
     remarks = list(remarks)
     sessions, rests, baseline = searched.sessions, searched.rests, searched.baseline
     result, touched, last = searched.result, searched.touched, searched.result.last
@@ -84,7 +86,7 @@ def make_diagnosis(
     outlying = np.unique(rests.point_of[heldout.outlying])
     outliers = name_outliers(outlying, rests, last)
     is_used = np.ones(len(groups), dtype=bool)
-    if not holdout:  # in which no reading was named: none is left out
+    if not holdout:  # outliers are rows of the search: held-out sessions keep all rows
         is_used[outlying] = False
     measured = [
         replace(
@@ -110,9 +112,9 @@ def make_diagnosis(
     if not last.noise.settled:
         remarks.append("The estimate of the noise did not settle: all probabilities are in doubt.")
     extension = _write_extension(written, result, rests, arm, sessions, command)
-    repeated = holdout or not written.growth  # the search repeated without readings has no growth
+    repeated = holdout or not written.growth  # the repeated search has no expansion of link 1
     if len(written.numbers) == len(result.findings) and not written.gains and repeated:
-        written = replace(written, after=squares[-1])  # of a search repeated, where there is one
+        written = replace(written, after=squares[-1])  # with all findings written: the last step's
     return Diagnosis(
         arm=arm,
         sessions=tuple(sessions),
@@ -150,7 +152,7 @@ def make_diagnosis(
 def _compute_parting_gain(
     original: Sequence[Session], parted: Sequence[Session], arm: Arm, calibration: Calibration
 ) -> Gain:
-    """Of placements that were touched: as one pose, and as two, under the same model."""
+    """Return the gain of two poses over one, for moved artefacts' placements under one model."""
     as_one, as_two = (evaluate(group, arm, calibration) for group in (original, parted))
     squares = [(evaluation.residual_mm**2).sum(axis=1) for evaluation in (as_one, as_two)]
     return compute_gain(squares[0], squares[1], group_readings(as_one.observations))
@@ -171,14 +173,16 @@ def _write_extension(
     sessions: Sequence[Session],
     command: str,
 ) -> Calibration:
-    """The calibration with what is written of the findings; with none, it predicts what the one
-    under test does."""
+    """Make the calibration with the findings that are written.
+
+    Without any it predicts what the calibration under test does.
+    """
     last, numbers = result.last, written.numbers
     lost = any(session.lost_links for session in rests.sessions)
     if last.findings and lost and not last.baseline.is_given:
-        # In the search the lengths of a link without a sensor are free in each session, and nothing
-        # tells its expansion. What is written has that which the calibration under test has: by
-        # the mean of the other sensors, as far as that goes.
+        # In the search the lengths of a link without a sensor are free in each session, so that its
+        # expansion is undetermined. The written calibration keeps the expansion of the one under
+        # test, by the mean of the other sensors, as far as that holds.
         tied = tuple(replace(session, lost_links=()) for session in rests.sessions)
         rests, start = replace(rests, sessions=tied), last.baseline.model
         last = fit(
@@ -202,7 +206,7 @@ def _write_extension(
 
 
 def reduce_odds(findings: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:
-    """With the odds of what readings held out speak against lowered."""
+    """Multiply the odds of findings by factors (*doubts*, by number) from held-out readings."""
     lowered = []
     for i, finding in enumerate(findings):
         odds, p = doubts.get(i, 1.0), finding.probability
@@ -215,7 +219,7 @@ def _compute_rms_um(evaluation: Evaluation) -> float:
 
 
 def describe_off_orientations(rests: I64, all_rests: Rests, last: Fit) -> list[str]:
-    """Say of which of these *rests* the orientation is off, and by how much."""
+    """Describe of which of these *rests* the orientation is off, and by how much."""
     observations = all_rests.observations
     turned = rests[observations.turned[rests]]
     off_deg = np.degrees(np.linalg.norm(last.rest_residual_mm[turned], axis=1) / TURN_MM)
@@ -226,7 +230,7 @@ def describe_off_orientations(rests: I64, all_rests: Rests, last: Fit) -> list[s
 
 
 def name_outliers(rests: I64, all_rests: Rests, last: Fit) -> tuple[Outlier, ...]:
-    """Every reading of these *rests*, by its session and its row."""
+    """List every reading of these *rests*, by its session and its row."""
     lengths = [s.n for s in all_rests.sessions]
     first = np.concatenate([[0], np.cumsum(lengths)])
     named = []

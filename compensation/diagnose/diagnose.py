@@ -1,8 +1,8 @@
-"""What a model gets wrong, why, and the gain of mending it: the whole of `armd diagnose`.
+"""The whole of `armd diagnose`: causes of a model's error, and the gain of correcting them.
 
-A session of another arm spreads its error over all causes, and the search names as many of them as
-it may. So sessions that do not fit the others are looked for first; the others are searched without
-them. One that a few causes explain comes back.
+A session of another arm spreads its error over all causes, and the search would name as many as it
+may. So sessions that do not fit the others are looked for first, and the others are searched
+without them. A session that a few causes explain is included again.
 """
 
 from __future__ import annotations
@@ -84,12 +84,13 @@ def diagnose(
     progress: TellShare = lambda _text, _share: None,
     command: str = "",
 ) -> Diagnosis:
-    """Diagnose *sessions* under a calibration, or under what `armd calibrate` makes of them.
+    """Diagnose *sessions* under a calibration, or under the one that `armd calibrate` makes of
+    them.
 
     Raises `BadInput` where the sessions cannot be calibrated.
     """
-    # The matrices are small: threads of the library's own cost more than they bring, and on a busy
-    # machine very much more. Without, a result does not depend on the number of cores either.
+    # The matrices are small: the library's own threads cost more than they save, and far more on a
+    # busy machine. Without them, a result does not depend on the number of cores either.
     with threadpool_limits(limits=1, user_api="blas"):
         return _diagnose(sessions, arm, calibration, holdout, progress, command)
 
@@ -146,7 +147,7 @@ def _conclude_search(
     work: WorkBudget,
     command: str,
 ) -> Diagnosis:
-    """What a search found, judged by readings held out; *remarks*: what to say of these."""
+    """Judge the findings of a search by held-out readings; *remarks*: those about the readings."""
     remarks = [*remarks, *describe_readings(searched, arm)]
     drop_freed()
     progress("gain", GAIN_BEGINS)
@@ -183,7 +184,7 @@ def _search_sessions(
     progress: TellShare,
     work: WorkBudget,
 ) -> tuple[SearchOutcome, list[str]]:
-    """Search the sessions that fit each other; and what is reported of the others."""
+    """Search the sessions that fit each other; return remarks about the others, too."""
     remarks, strange = list[str](), list[InconsistentSession]()
     consistent = tuple(sessions)
     of_all, inconsistent = make_model_and_judge_sessions(consistent, arm, calibration)
@@ -252,8 +253,10 @@ def _search(
     begin: Baseline | None = None,
     refuted: Sequence[Candidate] = (),
 ) -> SearchOutcome:
-    """The last of the searches that follow each other until no artefact was moved, without what is
-    *refuted*."""
+    """Search again until no artefact was moved, and return the last search.
+
+    *refuted*: causes that are excluded.
+    """
     sessions, touched = tuple(original_sessions), list[MovedArtefact]()
     while True:
         rests = collect_rests(sessions, arm)
@@ -289,7 +292,10 @@ def _search(
 
 
 def find_outliers(current: Fit) -> tuple[I64, float]:
-    """Rests gone wrong, by the rule of `armd calibrate`, and the smallest family-wise p."""
+    """Return the rests that are outliers by the rule of `armd calibrate`, and the smallest p value.
+
+    The p value is family-wise.
+    """
     rests = current.linear.rests
     squares = current.noise.squares(current.rest_residual_mm)
     region = find_regions(find_far_off(squares, DOWNWEIGHT_CHI2), rests.observations.states.q)

@@ -1,4 +1,4 @@
-"""Everything that a diagnosis found, as data."""
+"""The result of a diagnosis, as data."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
-#: What judges the findings: left out of their fit only, or ("") of the search for them, too.
+#: The held-out readings that judge the findings. They are not in the fit of the findings; with ""
+#: they are not in the search for them either.
 JudgedBy = Literal["", "placements left out", "targets left out within placements"]
 
 
@@ -35,10 +36,10 @@ class PartCheck:
 
 @dataclass(frozen=True)
 class Explained:
-    """How much of what goes with its variables a cause accounts for."""
+    """The share that a cause explains of what depends on its variables."""
 
     share: float
-    variables: tuple[str, ...]  # of the cause, and of what is left beside it
+    variables: tuple[str, ...]  # of the cause, and of unnamed structure that remains
     checks: tuple[PartCheck, ...]
 
     @property
@@ -49,7 +50,7 @@ class Explained:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another cause that these data would also bear."""
+    """Another cause that may explain these data."""
 
     candidate: Candidate
     probability: float
@@ -65,23 +66,23 @@ class Finding:
     statistic: float
     probability: float
     rivals: tuple[Rival, ...]
-    variants: tuple[tuple[Candidate, float], ...]  # what an experiment must tell apart, one by one
-    #: how much of what goes with its variables; once all is found
+    variants: tuple[tuple[Candidate, float], ...]  # what an experiment must separate, one by one
+    #: how much it explains of what depends on its variables; set when all is found
     explained: Explained | None = None
 
     @property
     def is_of_several_names(self) -> bool:
-        """Whether it has no name because several causes would do, most probably one of these."""
+        """Whether it has no name because several causes are possible, most probably one of them."""
         named = sum(r.probability for r in self.rivals if r.candidate.cause != "unknown")
         return self.candidate.cause == "unknown" and named > self.probability / 2
 
 
 @dataclass(frozen=True)
 class RivalCauses:
-    """Causes that may be there instead of some findings, all others being there as well."""
+    """Causes that may be there instead of some findings, with all other findings there as well."""
 
     instead: tuple[Candidate, ...]
-    finding_numbers: tuple[int, ...]  # of those that they would be instead of
+    finding_numbers: tuple[int, ...]  # of the findings that they replace
     odds: float  # against the findings
 
 
@@ -95,74 +96,76 @@ class RefusedCandidate:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchResult:
-    """What the search ends with."""
+    """The result of the search."""
 
     facts: SessionFacts
     first: Fit  # without findings
-    searched: Fit  # with those that the search found, growth that is not known absorbing
-    last: Fit  # with all, the growth that the readings show among them
-    #: makes fits with none, the first, the first two … of the findings; each takes its time
+    searched: Fit  # with those that the search found; unknown expansion of links absorbs
+    last: Fit  # with all findings, among them the expansion of links that the readings show
+    #: makes fits with none, the first, the first two … of the findings; slow
     steps: Callable[[], Sequence[Fit]]
     findings: tuple[Finding, ...]
     rival_causes: tuple[RivalCauses, ...]  # sets that explain as well
     scores: Scores  # of the whole catalogue
-    tests: int  # candidates that the data can see
-    remaining_p: float  # family-wise p of the strongest candidate left out
+    tests: int  # candidates that are not absorbed
+    remaining_p: float  # family-wise p of the strongest candidate that is not in the model
     remaining_depends_on: tuple[str, ...]
     untold: tuple[str, ...]  # causes that these data could not show whatever their size
     would_show: dict[str, float]  # noise units of each cause at its typical size, at best
-    refused: tuple[RefusedCandidate, ...]  # what the residuals would like, and cannot be
+    refused: tuple[RefusedCandidate, ...]  # would lower the residuals, but are not plausible
 
     @property
     def signatures(self) -> Signatures:
-        """Those of the whole catalogue."""
+        """The signatures of the whole catalogue."""
         return self.scores.signatures
 
 
 @dataclass(frozen=True)
 class Gain:
-    """3-D RMS on held-out readings before and after a finding, and 95 % of their difference."""
+    """The 3-D RMS on held-out readings before and after a finding, and 95 % of their difference."""
 
     before_um: float
     after_um: float
     interval_um: tuple[float, float]
-    is_confirmed: bool  # held-out readings improve beyond doubt
-    #: before and after, the rows named as outliers left out of both, where there are some
+    is_confirmed: bool  # held-out readings improve significantly
+    #: before and after without the rows listed as outliers, if there are any
     without_outliers_um: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
 class ValidatedFindings:
-    """The findings written, by number, and squared residuals held out (n,) mm² without any and
-    with what is written."""
+    """The findings written, by number, and squared held-out residuals (n,) mm² before and after.
+
+    *before*: without any finding; *after*: with those written.
+    """
 
     numbers: tuple[int, ...]
     before: F64
     after: F64
-    #: of those of which the repeated search tells nothing: of the look that bears them out
+    #: by finding, where the repeated search is uninformative: gains of the look that validates it
     gains: dict[int, Gain]
     by: JudgedBy = ""
-    contradicted_later: tuple[int, ...] = ()  # confirmed, but not by what came after
-    growth: bool = False  # the first link's joins them
-    #: factors for the odds of findings that the readings held out speak against
+    contradicted_later: tuple[int, ...] = ()  # confirmed, but later readings contradict
+    growth: bool = False  # the first link's expansion is written, too
+    #: factors for the odds of findings that held-out readings contradict
     doubts: Mapping[int, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MovedArtefact:
-    """A placement that became two."""
+    """A placement that was split in two because its artefact moved."""
 
     session: str
     placement: str
-    row: int  # the first afterwards, from 1
-    instant_unix_s: float  # halfway from the last before; NaN without times
+    row: int  # first row after the move, from 1
+    instant_unix_s: float  # halfway between the rests before and after; NaN without times
     candidate: Candidate
     amplitudes: F64  # (6,) mm and rad, base frame, about the middle of the placement
     uncertainties: F64  # (6,)
     p_value: float  # family-wise
     probability: float  # that it is this and not a slip or a step of the base, at that instant
-    rivals: tuple[tuple[Candidate, float], ...]  # those, with probabilities
-    sessions: tuple[Session, ...]  # with the placement parted
+    rivals: tuple[tuple[Candidate, float], ...]  # the latter, with probabilities
+    sessions: tuple[Session, ...]  # with the placement split
 
 
 @dataclass(frozen=True)
@@ -176,7 +179,7 @@ class Outlier:
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """Everything `armd diagnose` tells."""
+    """Everything that `armd diagnose` reports."""
 
     arm: Arm
     sessions: tuple[Session, ...]
@@ -193,24 +196,24 @@ class Diagnosis:
     outlier_gain: Gain | None
     written: tuple[int, ...]  # findings in the extended calibration, by number
     written_rms_um: tuple[float, float]  # held out, without any and with these
-    written_clear_um: tuple[float, float] | None  # the same without the outliers, if any are named
+    written_clear_um: tuple[float, float] | None  # the same without the outliers, if there are any
     later_gain_um: tuple[float, float] | None  # 95 % of what these gain in another session
     contradicted_later: tuple[
         int, ...
-    ]  # go with time and are not written: what came later contradicts
-    written_by: JudgedBy  # these two
+    ]  # depend on time, not written: later readings contradict them
+    written_by: JudgedBy  # the readings of written_rms_um and written_clear_um
     extended: Calibration
-    remarks: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be
-    touched: tuple[MovedArtefact, ...]  # placements parted in two
+    remarks: tuple[str, ...]  # about the readings: what was corrected, what cannot be
+    touched: tuple[MovedArtefact, ...]  # placements split in two
     touched_gain: Gain | None
-    skipped: tuple[str, ...] = ()  # what the bound on the search's work did not allow
+    skipped: tuple[str, ...] = ()  # what was skipped because of the bound on the work
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings other than outliers, in the order in which they were added."""
+        """The findings other than outliers, in the order in which they were added."""
         return self.search.findings
 
     @property
     def significant_rest(self) -> bool:
-        """Whether something significant stays that is in no finding."""
+        """Whether something significant remains that is in no finding."""
         return self.search.remaining_p < ALPHA

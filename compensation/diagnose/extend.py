@@ -1,4 +1,4 @@
-"""From findings to a calibration that the daemon runs: terms appended, constants with them."""
+"""The extension of a calibration by findings: terms are appended, constants are shifted."""
 
 from __future__ import annotations
 
@@ -33,12 +33,11 @@ def extend_calibration(
     left_out: Sequence[Candidate] = (),
     growth: bool = False,
 ) -> Calibration:
-    """The calibration under test with the findings' terms, all identified together, and the first
-    link's *growth*; *left_out*: findings that held-out readings do not bear out, told in the
-    provenance.
+    """Extend the calibration under test by the findings' terms, all identified together.
 
-    A constant that shifted is a constant again; what is wrong with the artefact stands in
-    `artefact`, which `evaluate` applies and `correct` does not.
+    *growth*: the first link's expansion is added, too. *left_out*: findings that held-out readings
+    do not validate; the provenance lists them. A constant that shifted stays a constant.
+    Corrections of the artefact are in `artefact`, which `evaluate` applies and `correct` does not.
     """
     calibration = last.baseline.calibration
     if not last.findings:
@@ -49,7 +48,7 @@ def extend_calibration(
     model = move_model(last)
     constants = model.constants.copy()
     names = list(arm.layout.names)
-    # Each row says how an identified quantity moves with the solution: for the covariance.
+    # Each row: how an identified quantity moves with the solution, for the covariance.
     rows: list[tuple[str, F64]] = _make_identified_rows(last, names)
     terms = list(model.terms)
     for candidate, values, span in zip(
@@ -112,7 +111,7 @@ def extend_calibration(
 
 
 def _make_growth_term(last: Fit, arm: Arm) -> Term | None:
-    """The first link's growth as a term."""
+    """Make the term of the first link's expansion; None if it has none."""
     term = make_mount_term(last.model, arm)
     if term is None:
         return None
@@ -125,7 +124,7 @@ def _make_growth_term(last: Fit, arm: Arm) -> Term | None:
 
 
 def has_known_growth(last: Fit, arm: Arm) -> bool:
-    """Whether a ramp showed how the first link grows."""
+    """Whether a ramp of temperature determined the first link's expansion well."""
     term = _make_growth_term(last, arm)
     return term is not None and (
         0.0 < GROWTH_KNOWN * (term.standard_uncertainty or 0.0) < abs(term.coefficient)
@@ -147,7 +146,9 @@ def _make_identified_rows(last: Fit, names: list[str]) -> list[tuple[str, F64]]:
 def _add_move(
     rows: list[tuple[str, F64]], parameter: str, index: int, coefficient: float, last: Fit
 ) -> None:
-    """A constant that a finding shifts is known only as well as the shift is too."""
+    """Add to a constant's row the shift by a finding: the constant is known only as well as the
+    shift.
+    """
     for name, row in rows:
         if name == parameter:
             row[index] += coefficient
@@ -158,7 +159,7 @@ def _add_move(
 
 
 def _correct_artefact(last: Fit, sessions: Sequence[Session]) -> ArtefactCorrection | None:
-    """The correction of the artefact: the one given, and what was found."""
+    """Return the artefact's correction: the one given, and what was found."""
     before = last.baseline.model.artefact
     expansion, scale = before.expansion_per_k, before.scale
     offsets = {name: np.array(offset) for name, offset in before.target_offset_mm.items()}

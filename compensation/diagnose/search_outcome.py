@@ -1,4 +1,4 @@
-"""What a search leaves for the diagnosis, and whether it explains an inconsistent session."""
+"""The outcome of a search for the diagnosis, and a test of inconsistent sessions."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from armd.compensation.identify.admission.inconsistent_session import Inconsiste
 
 @dataclass
 class SearchOutcome:
-    """What the last search had and found, and what was mended before it."""
+    """The data and the findings of the last search, and what was corrected before it."""
 
     original_sessions: tuple[Session, ...]  # with every placement whole
-    sessions: tuple[Session, ...]  # with those parted in which the artefact was moved
+    sessions: tuple[Session, ...]  # with placements split in which the artefact was moved
     rests: Rests
     baseline: Baseline
     result: SearchResult
-    parted: PartedSurvey | None  # many megabytes: given up when they are not needed any more
+    parted: PartedSurvey | None  # many megabytes: dropped when they are not needed any more
     touched: tuple[MovedArtefact, ...]
 
 
 def drop_inconsistent(
     sessions: Sequence[Session], *strange: InconsistentSession
 ) -> tuple[Session, ...]:
-    """The sessions without those that do not fit the others."""
+    """Return the sessions without those that do not fit the others."""
     paths = {inconsistent.path for inconsistent in strange}
     return tuple(session for session in sessions if session.path not in paths)
 
 
 def is_farther_off(fitted: Fit, number: int) -> bool:
-    """Whether the middle reading of a session lies clearly farther off than that of the others.
+    """Whether the median reading of a session is clearly farther off than that of the others.
 
-    Where one session in ten is another arm's, its readings are tails of a noise that the others
-    make.
+    The median is needed: where one session in ten is another arm's, its readings are only a tail of
+    the noise that the others determine.
     """
     squared_norms = fitted.noise.squares(fitted.rest_residual_mm)
     is_of_session = fitted.linear.rests.observations.session == number

@@ -1,1 +1,1 @@
-"""The catalogue of causes: what can be wrong with an arm, one small file per effect."""
+"""The catalogue of causes that may make an arm err, one small file per effect."""

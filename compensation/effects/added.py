@@ -1,6 +1,6 @@
 """Causes of other packages: entry points in the group `armd.causes` (docs/developer/plugins.md).
 
-What a package's code raises is reported once; its cause then has no candidate.
+An exception in a package's code is reported once; its cause then has no candidate.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ GROUP: Group = "armd.causes"
 
 
 def load_added_effects(built_in: Collection[str]) -> list[Effect]:
-    """The causes that packages bring, in the order of their names."""
+    """Load the causes of other packages, in the order of their names."""
     return list(load_all(GROUP, built_in, _checked).values())
 
 
@@ -33,14 +33,14 @@ def _checked(plugin: Plugin, loaded: Any) -> Effect:
 
 
 class _Guard:
-    """One cause, its code called with care."""
+    """A cause of a package, whose exceptions are caught."""
 
     def __init__(self, plugin: Plugin, effect: Effect) -> None:
         self._plugin = plugin
         self._effect = effect
 
     def guarded(self) -> Effect:
-        """The same cause; none of its functions raises."""
+        """Return the cause with functions that never raise."""
         effect = self._effect
         through, curve = effect.through_terms, effect.describe_curve
         return replace(
@@ -60,7 +60,7 @@ class _Guard:
     def _sound(
         self, make: Callable[[], Iterable[Candidate]], facts: SessionFacts
     ) -> Iterator[Candidate]:
-        """The candidates, all or none."""
+        """Yield all candidates, or none if one of them is not valid."""
         try:
             candidates = list(make())
             for candidate in candidates:
@@ -75,7 +75,7 @@ class _Guard:
             yield self._guarded_again(candidate, facts)
 
     def _guarded_again(self, candidate: Candidate, facts: SessionFacts) -> Candidate:
-        """The same; what it makes later is as sound, or is not made."""
+        """Return the candidate with functions whose candidates are checked, too."""
         refine, elsewhere = candidate.refine, candidate.elsewhere
         return replace(
             candidate,
@@ -85,7 +85,7 @@ class _Guard:
         )
 
     def _check(self, candidate: object, facts: SessionFacts) -> None:
-        """Raise `BadInput` for what the search could not use."""
+        """Raise `BadInput` for a candidate that the search cannot use."""
         if not isinstance(candidate, Candidate) or candidate.cause != self._effect.cause:
             raise self._plugin.fault(repr(candidate), f"a Candidate of {self._effect.cause!r}")
         for column in candidate.columns:

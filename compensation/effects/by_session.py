@@ -1,10 +1,10 @@
-"""What stands otherwise in each session, and nobody knows how in the next one.
+"""Effects that have another value in each session, independent of the next one.
 
-Two operators press a probe by turns, a stylus is screwed in anew, a seat is cleaned or not. A drift
-goes on from where it was, a step stays; of this a later session knows nothing. Each session has a
-value of its own, drawn as independently as the others. Where constants come from a calibration,
-they are what it departs from; where the same sessions gave them, from the sessions' mean. After the
-last session nothing of it is left.
+Examples are two operators who take turns, a stylus that is screwed in anew, a seat that is cleaned
+or not. A drift continues from its last value and a step remains. Here the values of the sessions
+are independent of each other. If the constants come from a calibration, the values are departures
+from it; if the same sessions gave the constants, they are departures from the sessions' mean. After
+the last session the effect is zero.
 """
 
 from __future__ import annotations
@@ -22,18 +22,20 @@ from armd.compensation.effects.effect import Candidate, Column, SessionFacts
 from armd.compensation.model.slow_factors import After
 from armd.compensation.model.terms import Factor, Term
 
-#: Two sessions that differ are a step. Of very many, one value each is no explanation.
+#: Two different sessions are a step. With very many sessions, one value for each explains nothing.
 LEAST_SESSIONS, MOST_SESSIONS = 3, 16
-#: After the last reading of all, it is over.
+#: The effect ends this long after the very last reading.
 OVER_S = 1.0
 AGAINST = " against those before"
-#: Of what is added up to nothing.
+#: The relative size of a sum that counts as zero.
 ROUNDING = 1e-9
 
 
 def make_session_functions(facts: SessionFacts) -> list[Function]:
-    """Functions that together let every session have a value of its own; columns of them are named
-    "motion, function"."""
+    """Make functions that together give every session a value of its own.
+
+    Their columns are named "motion, function".
+    """
     count, names = len(facts.sessions), [name for name, *_ in facts.sessions]
     if not LEAST_SESSIONS <= count <= MOST_SESSIONS:
         return []
@@ -43,7 +45,7 @@ def make_session_functions(facts: SessionFacts) -> list[Function]:
         return [_function(name, 1.0, row, edges) for name, row in zip(names, rows, strict=True)]
     functions = []
     for k in range(1, count):
-        against = np.zeros(count)  # its amplitude is how far it is from the mean of those before
+        against = np.zeros(count)  # amplitude: difference from the mean of earlier sessions
         against[:k], against[k] = -1.0 / (k + 1), k / (k + 1)
         size = math.sqrt(k / (k + 1))
         functions.append(_function(f"{names[k]}{AGAINST}", size, against, edges))
@@ -57,28 +59,31 @@ def make_column(
     prior_sd: float,
     weights: Sequence[tuple[str, float]],
 ) -> Column:
-    """Of one function, what it moves: *weights* of parameters."""
+    """Make the column of one function; *weights* are those of the parameters that it changes."""
     name = f"{motion}, {function.name}"
     return Column(name, unit, prior_sd / function.largest, function.terms(weights))
 
 
 def is_by_session(candidate: Candidate) -> bool:
-    """Whether it lets every session have a value of its own, several instants apart."""
+    """Return whether a candidate gives every session a value of its own, with several instants."""
     factors = list(candidate.factors)
     instants = {factor.instant_unix_s for factor in factors if isinstance(factor, After)}
     return len(instants) > 1 and all(isinstance(factor, After) for factor in factors)
 
 
 def can_follow_anything(candidate: Candidate) -> bool:
-    """Whether it follows whatever goes with time, as a value for each session does, or a walk. So
-    do a joint that turns with temperature and one whose disc slipped, together."""
+    """Return whether a candidate can follow any course in time: one value for each session, or a
+    walk.
+
+    Together a joint that turns with temperature and one whose disc slipped can do so, too.
+    """
     return is_by_session(candidate) or is_walk(candidate)
 
 
 def compute_values_by_session(
     candidate: Candidate, amplitudes: F64
 ) -> tuple[list[tuple[str, F64]], str]:
-    """Return each session's name with what its motions come to (motions,), and against what."""
+    """Return each session's name and motions (motions,), and in words what they are relative to."""
     instants = _instants(candidate)
     against_mean = is_against_mean(candidate)
     functions = len(instants) - 1 - against_mean
@@ -95,7 +100,7 @@ def compute_values_by_session(
 
 
 def is_against_mean(candidate: Candidate) -> bool:
-    """Whether its columns are departures from the sessions' mean, by what its terms do."""
+    """Return whether a candidate's columns are departures from the sessions' mean, by its terms."""
     return all(
         np.abs(values.sum(axis=0)).max() <= ROUNDING * np.abs(values).max()
         for values in _values_of_parameters(candidate).values()
@@ -104,7 +109,9 @@ def is_against_mean(candidate: Candidate) -> bool:
 
 @dataclass(frozen=True)
 class Written:
-    """What a calibration has of one parameter: what it is when no session is on, and terms."""
+    """One parameter of such an effect in a calibration: its value outside the sessions, and its
+    terms.
+    """
 
     parameter: str
     constant: F64  # (columns,) per unit of each amplitude
@@ -112,10 +119,10 @@ class Written:
 
 
 def as_written(candidate: Candidate, amplitudes: F64, effect: str) -> Iterator[Written]:
-    """One term for each session's beginning and parameter.
+    """Yield one term for each session's beginning and parameter.
 
-    Constants that the same sessions gave become those of the middle one: where one session in five
-    stood otherwise, the mean of all is right for none.
+    Constants that the same sessions gave become those of the median session: if one session in five
+    differs, the mean of all is right for none.
     """
     instants, against_mean = _instants(candidate), is_against_mean(candidate)
     for name, values in _values_of_parameters(candidate).items():
@@ -140,7 +147,7 @@ def as_written(candidate: Candidate, amplitudes: F64, effect: str) -> Iterator[W
 
 
 def _instants(candidate: Candidate) -> list[float]:
-    """Return where each session begins, and where the last one is over."""
+    """Return where each session begins, and where the last one ends."""
     return sorted({f.instant_unix_s for f in candidate.factors if isinstance(f, After)})
 
 
@@ -160,7 +167,9 @@ def _values_of_parameters(candidate: Candidate) -> dict[str, F64]:
 
 
 def _edges(facts: SessionFacts) -> list[float]:
-    """Where each session begins, and where the last one is over; (sessions + 1,) Unix seconds."""
+    """Return where each session begins, and where the last one ends; (sessions + 1,)
+    Unix seconds.
+    """
     pairs = itertools.pairwise(facts.sessions)
     between = [(end + start) / 2.0 for (_, _, end), (_, start, _) in pairs]
     return [facts.start_unix_s, *between, facts.end_unix_s + OVER_S]

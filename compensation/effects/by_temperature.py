@@ -1,4 +1,4 @@
-"""Terms that go by a temperature: which one, and what another in its place would add."""
+"""Terms that depend on a temperature: their sensor, and the change if another replaces it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from armd.compensation.model.terms import Term
 
 
 def find_temperature(term: Term) -> Temperature | None:
-    """The temperature that a term goes by, in one factor, be it times something of the pose; None
-    if by none, or by the time as well."""
+    """Return the temperature that a term depends on by one factor, also times factors of the pose.
+
+    Returns None if there is none, or if the term depends on time, too.
+    """
     slow = [factor for factor in term.basis if isinstance(factor, SlowFactor)]
     if len(slow) != 1 or not isinstance(slow[0], Temperature) or term.coefficient == 0.0:
         return None
@@ -18,12 +20,12 @@ def find_temperature(term: Term) -> Temperature | None:
 
 
 def is_difference(weights: Mapping[str, float]) -> bool:
-    """Whether sensors are compared, so that no reference is needed."""
+    """Return whether sensors are compared, so that no reference is needed."""
     return abs(sum(weights.values())) < 1e-9
 
 
 def replace_temperature(term: Term, another: Temperature) -> Iterator[Term]:
-    """What a term would add, *another* temperature in the place of its own."""
+    """Yield the terms that a term adds if *another* temperature replaces its own."""
     for factor in term.basis:
         if isinstance(factor, Temperature):
             yield from replace_part(term, 1.0, factor, another)
@@ -32,8 +34,10 @@ def replace_temperature(term: Term, another: Temperature) -> Iterator[Term]:
 def replace_part(
     term: Term, weight: float, part: Temperature, another: Temperature
 ) -> Iterator[Term]:
-    """The same where the own temperature is a sum that has *part* with this *weight*, and another
-    stands in the place of that."""
+    """Yield the terms that a term adds if *another* temperature replaces a part of its own.
+
+    Its own temperature is a sum that contains *part* with this *weight*.
+    """
     yield _make_term(term, another, weight * term.coefficient)
     yield _make_term(term, part, -weight * term.coefficient)
 

@@ -1,7 +1,7 @@
-"""All causes armd can name: whatever stands in the rooms beside this file.
+"""All causes that armd can name: the modules of the packages beside this file.
 
-A module there has an `EFFECT`, or several `EFFECTS`: adding a cause is adding its file. Other
-packages bring theirs (`added.py`).
+A module there has an `EFFECT`, or several `EFFECTS`: to add a cause, add its file. Other packages
+add theirs by `added.py`.
 """
 
 from __future__ import annotations
@@ -21,20 +21,24 @@ from armd.compensation.wording import ARC_SECOND
 
 ROOMS = (encoder, mechanical, thermal, setup)
 OFFSET = "sensor_offset"
-#: What says something of the sensors themselves.
+#: Causes in the sensors themselves.
 OF_SENSORS = frozenset({OFFSET, "sensor_swapped", "thermal_lag"})
-#: Effects that are as coarse as the arm have the typical size of one whose encoders tell this
-#: apart, or less: a hobby servo's magnetic encoder of 12 bits is half a degree off where a disc of
-#: 23 bits is seconds off, and so are its bearings and its printed links.
+#: Effects with `as_coarse_as_the_arm` have their typical size on an arm whose encoders resolve this
+#: angle, or less. On a coarser arm they are larger in proportion: a hobby servo's magnetic encoder
+#: of 12 bits errs by half a degree where a disc of 23 bits errs by seconds. The same holds for its
+#: bearings and its printed links.
 FINE_RAD = 6 * ARC_SECOND
-#: So does an arm that a calibration leaves no further off than this. A cause that shows beside that
-#: is ten times the typical one, which the catalogue's sizes allow for as they are (`SCALES`). One
-#: that shows on an arm 12 minutes off is a hundred times, and so is all else that could show there.
+#: The typical sizes also hold on an arm whose readings scatter by no more than this under a
+#: calibration. A cause that is visible beside such scatter is ten times the typical one, which the
+#: catalogue's sizes allow (`SCALES`). On an arm that is 12 minutes off it is a hundred times the
+#: typical one, and so is everything else that could be visible there.
 WELL_MADE_RAD = 10 * FINE_RAD
 
 
 def _load_effects() -> Iterator[Effect]:
-    """Room by room, then by name; then those of other packages; what has no name comes last."""
+    """Yield the effects package by package, then by name; then those of other packages, `unknown`
+    last.
+    """
     built_in: list[Effect] = []
     for room in ROOMS:
         for name in sorted(module.name for module in pkgutil.iter_modules(room.__path__)):
@@ -49,13 +53,14 @@ CATALOGUE: dict[str, Effect] = {effect.cause: effect for effect in _load_effects
 
 
 def list_all_candidates(facts: SessionFacts) -> Iterator[Candidate]:
-    """Every candidate that this arm and these sessions allow, the general basis included."""
+    """Yield every candidate that this arm and these sessions allow, the general basis included."""
     for effect in CATALOGUE.values():
         for candidate in _list_candidates(effect, facts):
-            # What has no name may be as old: else its likeliness grew by what the named ones share.
+            # An unnamed effect may also be older than the calibration. Otherwise it would gain
+            # probability, because named causes share theirs between both cases.
             may_be_older = effect.by_temperature or candidate.cause == "unknown"
             older = drop_absorbed(candidate, facts) if may_be_older else None
-            if not candidate.expected:  # what is expected was there before the calibration
+            if not candidate.expected:  # an expected cause is older than the calibration
                 yield candidate
             if older is not None:
                 yield older
@@ -72,7 +77,9 @@ def _list_candidates(effect: Effect, facts: SessionFacts) -> Iterator[Candidate]
 
 
 def list_candidates_under(facts: SessionFacts, acting: Sequence[Acting]) -> Iterator[Candidate]:
-    """The candidates that act through the model's terms, with findings *acting* in the model."""
+    """Yield the candidates that act through the model's terms, with findings *acting* in
+    the model.
+    """
     for effect in CATALOGUE.values():
         if effect.through_terms is not None:
             able = _able(effect.cause, acting)
@@ -85,21 +92,25 @@ def list_candidates_under(facts: SessionFacts, acting: Sequence[Acting]) -> Iter
 def select_acting(
     candidate: Candidate, acting: Sequence[Acting], facts: SessionFacts
 ) -> tuple[Acting, ...]:
-    """Those of the findings *acting* through which a candidate acts: they share a sensor."""
+    """Select the findings *acting* through which a candidate acts: they share a sensor with it."""
     sensors = set(candidate.depends_on) & set(facts.sensors)
     able = _able(candidate.cause, acting)
     return tuple(finding for finding in able if sensors & set(finding.candidate.depends_on))
 
 
 def _able(cause: str, acting: Sequence[Acting]) -> list[Acting]:
-    """The findings through which a cause may act: a sensor's offset through all others, a lag
-    through those that are no sensor's."""
+    """Return the findings through which a cause may act.
+
+    A sensor's offset may act through all others, a lag through those that are no sensor's.
+    """
     barred = {OFFSET} if cause == OFFSET else OF_SENSORS
     return [finding for finding in acting if finding.candidate.cause not in barred]
 
 
 def list_exchanged(facts: SessionFacts, exchanged: Candidate) -> Iterator[Candidate]:
-    """What goes by one of two sensors, by the other one: as it is where they are *exchanged*."""
+    """Yield the candidates that follow one of two *exchanged* sensors, with the other one in its
+    place.
+    """
     names = set(exchanged.depends_on)
     original_keys = {_make_key(c) for c in _by_sensors(facts, names)}
     for candidate in _by_sensors(replace(facts, arm=_renamed(facts.arm, *names)), names):
@@ -121,7 +132,7 @@ def _make_key(candidate: Candidate) -> tuple[object, ...]:
 
 
 def _renamed(arm: Arm, a: str, b: str) -> Arm:
-    """The arm, its links on two sensors on the other one each."""
+    """Return the arm with two sensors exchanged in its links."""
     exchange = {a: b, b: a}
     joints = [
         joint.model_copy(
@@ -135,7 +146,7 @@ def _renamed(arm: Arm, a: str, b: str) -> Arm:
 
 
 def _with_through(candidate: Candidate, through: tuple[Acting, ...]) -> Candidate:
-    """A candidate that knows through which findings it acts; its refinements do, too."""
+    """Return the candidate with the findings through which it acts, also for its refinements."""
     refine, elsewhere = candidate.refine, candidate.elsewhere
     return replace(
         candidate,
@@ -146,13 +157,16 @@ def _with_through(candidate: Candidate, through: tuple[Acting, ...]) -> Candidat
 
 
 def _coarseness(arm: Arm) -> float:
-    """A count of the coarsest encoder over `FINE_RAD`; 1 for all that are finer, or not known."""
+    """Return a count of the coarsest encoder over `FINE_RAD`; 1 if it is finer, or not known."""
     counts = [joint.counts_per_turn for joint in arm.joint if joint.counts_per_turn is not None]
     return max([1.0, *(2 * math.pi / count / FINE_RAD for count in counts)])
 
 
 def _scale_up(candidate: Candidate, typically: float, at_most: float) -> Candidate:
-    """The same cause, *typically* so many times as large, and *at_most*; other values, too."""
+    """Return the candidate with typical sizes *typically* times as large; so are its other values.
+
+    *at_most* is the factor of the largest plausible sizes.
+    """
     columns = tuple(
         replace(column, prior_sd=column.prior_sd * typically, coarseness=at_most)
         for column in candidate.columns

@@ -1,8 +1,7 @@
-"""Courses in time that a drift may take, each a few functions that share one beginning; and steps.
+"""Courses in time of a drift, each made of a few functions with one beginning; and steps.
 
-Steady, curved, relaxing, settling anew in each session, with the day, or wandering: what creeps,
-swells, settles or breathes does so along one of these, and each is weighed against steps at an
-instant, so that a staircase is told only where it is one.
+A course is steady, curved, relaxing, settling anew in each session, daily, or a random walk. Each
+is weighed against steps at an instant, so that steps are reported only if there are steps.
 """
 
 from __future__ import annotations
@@ -29,34 +28,37 @@ from armd.compensation.model.slow_factors import (
 from armd.compensation.model.terms import Factor, Term
 from armd.compensation.wording import format_plain
 
-OF_A_WALK = 1.0  # 1; how far a walk may stray over the time seen, of how far it went
-OF_A_COURSE = 0.3  # 1; the same of a creep, which is never quite an exponential
+OF_A_WALK = 1.0  # 1; deviation from a walk over the time seen, as a share of its range
+OF_A_COURSE = 0.3  # 1; deviation from a creep, which is never exactly exponential
 
-#: Time constants, as shares of the time seen: with a shorter one all is over before much was
-#: measured, with a longer one it is a straight line, or nearly. Twice apart, refined in between.
+#: Time constants, as shares of the time seen. With a shorter one all is over before much was
+#: measured; with a longer one it is nearly a straight line. They increase by factors of two and are
+#: refined in between.
 SHARES = (1 / 96, 1 / 48, 1 / 24, 1 / 12, 1 / 6, 1 / 3, 2 / 3)
 FINER = (0.6, 0.7, 0.8, 0.9, 1.1, 1.25, 1.4, 1.65)
-#: The same of the longest session, where something settles anew in each.
+#: Time constants of settling anew in each session, as shares of the longest session.
 SETTLING_SHARES = (1 / 12, 1 / 6, 1 / 3, 2 / 3)
 DAY_S = 86400.0
-#: Less of a day than this looks like a curve.
+#: A daily course needs this many days; over less it looks like a curve.
 LEAST_DAYS = 0.6
-#: A wandering is followed from knot to knot: the ends of the sessions; where these are few, each
-#: session in pieces, so many in a single one.
+#: A walk has its knots at the ends of the sessions. If these are few, each session is divided into
+#: pieces, a single session into this many.
 LEAST_PIECES = 12
 
 
 @dataclass(frozen=True)
 class Function:
-    """One function of time, a sum of weighted factors; its largest value over the time seen."""
+    """One function of time, a sum of weighted factors, with its largest value over the
+    time seen.
+    """
 
     name: str
-    per: str  # what its amplitude is divided by: "", "/h", …
+    per: str  # unit by which its amplitude is divided: "", "/h", …
     largest: float
     pieces: tuple[tuple[float, Factor], ...]
 
     def terms(self, weights: Sequence[tuple[str, float]]) -> tuple[Term, ...]:
-        """Terms on parameters with *weights* that share the function's amplitude."""
+        """Return terms on parameters with *weights* that share the function's amplitude."""
         return tuple(
             term
             for share, factor in self.pieces
@@ -66,7 +68,7 @@ class Function:
 
 @dataclass(frozen=True)
 class Course:
-    """One way to go: its functions, what is scanned, and the same at other values of the scan."""
+    """One course: its functions, the scanned setting, and the course at other values of it."""
 
     functions: tuple[Function, ...]
     setting: tuple[tuple[str, float, str], ...] = ()
@@ -84,7 +86,7 @@ def make_drifts(
     make: MakeColumns,
     depends_on: tuple[str, ...] = ("time_s",),
 ) -> Iterator[Candidate]:
-    """Candidates for something that goes along each course; *make*: a function's columns."""
+    """Yield candidates for a drift along each course; *make* makes a function's columns."""
     before = _make_prior_functions(facts)
     for course in list_courses(facts):
         yield _along(course, before, cause, location, make, depends_on)
@@ -128,7 +130,7 @@ def make_steps(
     location: Location,
     make: Callable[[After], Sequence[Column]],
 ) -> Iterator[Candidate]:
-    """Candidates for something that steps at an instant; *make*: the columns of that step."""
+    """Return candidates for a step at each instant; *make* makes the columns of a step."""
 
     def make_step(instant: float, finest: bool = False) -> Candidate:
         def refine() -> list[Candidate]:
@@ -147,7 +149,7 @@ def make_steps(
 
 
 def list_courses(facts: SessionFacts) -> list[Course]:
-    """Every course that the time seen allows; none without times."""
+    """List every course that the time seen allows; none without times."""
     since_s, until_s = facts.start_unix_s, facts.end_unix_s
     span_s = until_s - since_s
     if not facts.timed or span_s <= 0.0:
@@ -171,9 +173,12 @@ def list_courses(facts: SessionFacts) -> list[Course]:
 
 
 def _make_prior_functions(facts: SessionFacts) -> list[Function]:
-    """What a drift had come to when the readings began, under a calibration from before. Courses
-    begin at nothing: without it, whatever is as constant in the first session stands in for it."""
-    if not facts.has_fixed_constants:  # the constants of the same sessions have it
+    """Return the function of a drift's value at the first reading, under an earlier calibration.
+
+    Courses begin at zero. Without this function, another effect that is constant in the first
+    session would take its place.
+    """
+    if not facts.has_fixed_constants:  # the constants of the same sessions contain it
         return []
     return [Function("before", "", 1.0, ((1.0, After(instant_unix_s=facts.start_unix_s)),))]
 
@@ -193,7 +198,10 @@ def _relaxing(facts: SessionFacts, time_constant_s: float, finest: bool = False)
 
 
 def _settling(facts: SessionFacts, time_constant_s: float, finest: bool = False) -> Course:
-    """From the beginning of each session again: what it came to is gone by the next."""
+    """Make a course that relaxes anew from the beginning of each session.
+
+    The value of one session is gone by the next.
+    """
     pieces: list[tuple[float, Factor]] = []
     come_to = 0.0
     for start, end in facts.spells_unix_s:
@@ -217,7 +225,7 @@ def _daily(since_s: float, until_s: float) -> Iterator[Function]:
 
 
 def _wandering(facts: SessionFacts) -> Iterator[Function]:
-    """A random walk: how far it comes from knot to knot, independently, along a line."""
+    """Yield the functions of a random walk: independent linear increments from knot to knot."""
     span_s = facts.end_unix_s - facts.start_unix_s
     for i, (since, until) in enumerate(_knots(facts), 1):
         hours = (until - since) / 3600.0
@@ -227,8 +235,7 @@ def _wandering(facts: SessionFacts) -> Iterator[Function]:
 
 
 def _knots(facts: SessionFacts) -> list[tuple[float, float]]:
-    """From where to where, one after the other: each session, in pieces where these are few, and
-    the time to the next."""
+    """Return the intervals between knots, in order: each session, divided if few, and each gap."""
     spells = facts.spells_unix_s
     pieces = max(1, -(-LEAST_PIECES // (2 * len(spells) - 1)))
     knots: list[tuple[float, float]] = []
@@ -240,27 +247,27 @@ def _knots(facts: SessionFacts) -> list[tuple[float, float]]:
     return knots
 
 
-#: How fine a course is looked at for the largest difference in it.
+#: The number of points at which the range of a course is evaluated.
 POINTS = 400
 
 
 def is_drift(candidate: Candidate) -> bool:
-    """Whether a candidate goes along a course rather than steps at an instant."""
+    """Return whether a candidate follows a course rather than a step at an instant."""
     return any(isinstance(factor, Period) for factor in candidate.factors)
 
 
 def is_walk(candidate: Candidate) -> bool:
-    """Whether it wanders by chance, from knot to knot."""
+    """Return whether a candidate is a random walk from knot to knot."""
     return is_drift(candidate) and any("walk" in column.name for column in candidate.columns)
 
 
 def is_slow(candidate: Candidate) -> bool:
-    """Whether what a candidate adds goes with time or with a temperature."""
+    """Return whether the terms of a candidate depend on time or on a temperature."""
     return any(isinstance(factor, SlowFactor) for factor in candidate.factors)
 
 
 def describe_course(candidate: Candidate) -> str:
-    """How a drift goes, in words."""
+    """Describe the course of a drift in words."""
     names = [column.name for column in candidate.columns]
     time_constant = next(
         (value for name, value, _ in candidate.setting if "constant" in name), None
@@ -279,7 +286,9 @@ def describe_course(candidate: Candidate) -> str:
 
 
 def compute_swing(candidate: Candidate, amplitudes: F64, parameter: str) -> float:
-    """Largest less smallest of what a drift does to a parameter over the time seen."""
+    """Compute the range (largest less smallest) of a drift's change of a parameter over the time
+    seen.
+    """
     weighted_factors = [
         (value * term.coefficient, term.basis[0])
         for column, value in zip(candidate.columns, amplitudes, strict=True)

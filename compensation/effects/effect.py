@@ -1,8 +1,9 @@
-"""What a cause is to the diagnosis: a named group of columns with a physical reason.
+"""A cause in the diagnosis: a named group of columns with a physical reason.
 
 A `Column` is one unknown amplitude times a tie of terms (or a change of the artefact). A
 `Candidate` is a cause at a place with its non-linear parameters fixed at one value of their grid.
-An `Effect` lists the candidates an arm and its sessions allow, and reads amplitudes physically.
+An `Effect` lists the candidates that an arm and its sessions allow, and describes amplitudes
+physically.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from armd.compensation.model.terms import Factor, Term
 from armd.compensation.wording import format_clock
 
 AXES: tuple[Axis, ...] = ("x", "y", "z")
-#: Amplitudes may be this many times their typical size, with these probabilities.
+#: Amplitudes are this many times their typical size, with these prior probabilities.
 SCALES = {1.0: 0.6, 5.0: 0.3, 50.0: 0.1}
 
 
@@ -34,14 +35,14 @@ class ArtefactChange:
     """A change of the artefact per unit of amplitude, in the placement's frame.
 
     "expansion": position × (artefact_c − its reference), amplitude in 1/K.
-    "warmth": the same by the mean of the arm's sensors, in sessions without any artefact_c.
+    "warmth": expansion by the mean of the arm's sensors, in sessions without any artefact_c.
     "scale": position, amplitude dimensionless.
     "target": the named target moves along `axis` (0…2), amplitude in mm.
     "distance": the certified length number `index` grows, amplitude in mm.
     "moved": placement number `index` moves as a whole after `after` of its rests, along or about
-    `axis` (0…2, 3…5) of the base frame, about its middle; amplitude in mm and rad.
-    "sag": a beam along principal axis `axis` (0…2, the longest first) of the targets bends towards
-    gravity across it, by the square of the place along it; amplitude in mm at its end.
+        `axis` (0…2, 3…5) of the base frame, about its middle; amplitude in mm and rad.
+    "sag": a beam along principal axis `axis` (0…2, the longest first) of the targets bends
+        towards gravity across it, by the square of the place along it; amplitude in mm at its end.
     """
 
     kind: Literal["expansion", "warmth", "scale", "target", "distance", "moved", "sag"]
@@ -53,28 +54,32 @@ class ArtefactChange:
 
     @property
     def is_report_only(self) -> bool:
-        """Whether no correction of an artefact can hold it."""
+        """Whether no correction of an artefact can contain it."""
         return self.kind in ("sag", "warmth")
 
 
 @dataclass(frozen=True)
 class Use:
-    """What a joint's own use warms, rested before each session, moves parameters by their weights
-    per rad/s that it takes to keep it so warm.
+    """A change of parameters by the warming of a joint through its use, at rest before each
+    session.
 
-    Known at the readings alone: nothing that the daemon could evaluate.
+    The parameters move by their weights times the steady rate, rad/s, that would keep it as warm.
+    It is known only at the readings, so the daemon cannot evaluate it.
     """
 
     joint: int
-    by_rate: bool  # by the rate at each reading since the one before; else by the way between
+    by_rate: bool  # by the rate at each reading; else by the way since the one before
     time_constant_s: float
     parameters: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)
 class Winding:
-    """A joint wound up by its way from reading to reading, up to an angle and no further, moves
-    parameters by their weights; unwound where each session begins. Known at the readings alone."""
+    """A change of parameters by a joint that is wound up by its way from reading to reading.
+
+    It is wound up to a limiting angle, and is not wound where each session begins. The parameters
+    move by their weights. It is known only at the readings.
+    """
 
     joint: int
     within_rad: float
@@ -83,19 +88,19 @@ class Winding:
 
 @dataclass(frozen=True)
 class Column:
-    """One amplitude: what it adds, its unit, and its prior standard deviation (typical size)."""
+    """One amplitude: its terms, its unit, and its prior standard deviation (typical size)."""
 
     name: str
     unit: str
     prior_sd: float
     terms: tuple[Term, ...] = ()
     artefact: ArtefactChange | None = None
-    reach: float = np.inf  # times the typical size that is still plausible
-    coarseness: float = 1.0  # of the arm: by how much more than a fine one it may err at most
+    reach: float = np.inf  # largest plausible size, in typical sizes
+    coarseness: float = 1.0  # of the arm: factor of the largest plausible size
     use: Use | Winding | None = None
 
     def make_terms(self, amplitude: float) -> Iterator[Term]:
-        """Its terms at an amplitude."""
+        """Yield the column's terms at an amplitude."""
         for term in self.terms:
             yield term.model_copy(update={"coefficient": term.coefficient * amplitude})
 
@@ -110,22 +115,24 @@ class Candidate:
     depends_on: tuple[str, ...]
     setting: tuple[tuple[str, float, str], ...] = ()  # (name, value, unit)
     _: KW_ONLY
-    #: a finer grid around this candidate for its non-linear parameters, or of what is unknown a
-    #: richer function of the same variables; none if there is none
+    #: a finer grid around this candidate for its non-linear parameters; for an unknown effect, a
+    #: richer function of the same variables; None if there is none
     refine: Callable[[], Sequence[Candidate]] | None = field(default=None, compare=False)
-    #: the same at another value of what was scanned, where that can be as uncertain as a size
+    #: the candidate at another value of its setting, if that can be as uncertain as a size
     elsewhere: Callable[[float], Candidate] | None = field(default=None, compare=False)
-    #: of what acts through all the model's terms: the findings whose terms it knows of; of what
-    #: goes by the other of two exchanged sensors: their exchange
+    #: for a candidate that acts through the model's terms: the findings whose terms it includes;
+    #: for one that follows the other of two exchanged sensors: their exchange
     through: tuple[Acting, ...] | None = field(default=None, compare=False)
-    #: the calibration under test could not know it, and it is as likely there as not
+    #: the calibration under test could not contain it, and it is as likely to be there as not
     expected: bool = False
     #: the only cause whose finding it may replace; any other candidate may join any findings
     instead_of: str = ""
 
     @property
     def is_report_only(self) -> bool:
-        """Whether no calibration can hold it: nothing that the daemon or `evaluate` could apply."""
+        """Whether no calibration can contain it, because the daemon and `evaluate` cannot
+        apply it.
+        """
         changes = (column.artefact for column in self.columns)
         return self.looks_back or any(
             change is not None and change.is_report_only for change in changes
@@ -133,30 +140,32 @@ class Candidate:
 
     @property
     def looks_back(self) -> bool:
-        """Whether it depends on what went before a reading: known at the readings alone."""
+        """Whether it depends on the history before a reading, and is known only at the readings."""
         return any(column.use is not None for column in self.columns)
 
     @property
     def factors(self) -> Iterator[Factor]:
-        """Of all its terms."""
+        """The factors of all its terms."""
         return (factor for c in self.columns for term in c.terms for factor in term.basis)
 
     @property
     def instant_unix_s(self) -> float | None:
-        """When it steps; None for what does not."""
+        """The instant of its step; None if it is no step."""
         return next((value for name, value, _ in self.setting if name == "instant"), None)
 
     @cached_property
     def place(self) -> tuple[str, str]:
-        """What a finding is told apart by: cause and location, as results have them."""
+        """The cause and location, as results have them, by which findings are separated."""
         return self.cause, str(self.location)
 
     def is_within(self, candidate: Candidate) -> bool:
-        """Whether *candidate* has all that this one could add: an order of a curve, say."""
+        """Return whether *candidate* has all columns of this one, for example a lower order of a
+        curve.
+        """
         return self.place == candidate.place and self._adds <= candidate._adds
 
     def is_like(self, candidate: Candidate) -> bool:
-        """Whether *candidate* is the same, be it through other terms that it acts."""
+        """Return whether *candidate* is equal, even if it acts through other terms."""
         if self.through is None or candidate.through is None:
             return self == candidate
         column_names, compared_names = (
@@ -175,77 +184,78 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Acting:
-    """A finding at the amplitudes that it has in a fit: its terms are the model's as much as those
-    under test."""
+    """A finding with its amplitudes in a fit; its terms count as terms of the model."""
 
     candidate: Candidate
     amplitudes: tuple[float, ...]
 
     @property
     def terms(self) -> Iterator[Term]:
-        """Its terms with their coefficients."""
+        """The finding's terms with their coefficients."""
         pairs = zip(self.candidate.columns, self.amplitudes, strict=True)
         return (term for column, amplitude in pairs for term in column.make_terms(amplitude))
 
 
 def join_finding(findings: Sequence[Candidate], finding: Candidate) -> list[Candidate]:
-    """The findings with one more, which takes the place of those it contains."""
+    """Return the findings with one more, which replaces those that it contains."""
     return [*(c for c in findings if not c.is_within(finding)), finding]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SessionFacts:
-    """What the catalogue needs to know of the arm, the model under test and the sessions."""
+    """Facts of the arm, the model under test and the sessions that the catalogue needs."""
 
     arm: Arm
     constants: F64  # (P,) mm and rad
     terms: tuple[Term, ...]  # of the model under test
     reference_c: float
-    has_fixed_constants: bool  # True: constants and terms come from a calibration given, and stay
+    has_fixed_constants: bool  # True: constants and terms are those of a given calibration
     sensors: tuple[str, ...]  # with data
-    lost_links: frozenset[int]  # links whose sensor shows nothing in some session
+    lost_links: frozenset[int]  # links whose sensor is stuck or silent in some session
     timed: bool  # times of all readings known
     rates: bool  # joint rates known
     approach: bool  # directions of approach known
     artefact_c: bool
     artefact_unread: bool  # some session has no artefact_c, and the arm's sensors vary there
     artefacts: tuple[str, ...]  # names of those measured
-    targets: tuple[str, ...]  # certified, and seen from several poses
+    targets: tuple[str, ...]  # certified, and measured in several poses
     distances: tuple[str, ...]  # "S1, S2"
     start_unix_s: float  # of the first reading, and of the last
     end_unix_s: float
-    #: from when to when readings followed each other without a long pause
+    #: intervals in which readings followed each other without a long pause
     spells_unix_s: tuple[tuple[float, float], ...]
-    #: name, first and last reading of each session, where one follows the other
+    #: name, first and last reading of each session, if the sessions do not overlap
     sessions: tuple[tuple[str, float, float], ...]
     instants_unix_s: tuple[float, ...]  # where something may have stepped: between two readings
     #: all moments between two readings, for refining an instant
     all_instants_unix_s: F64
-    #: what a reading scattered by under the calibration under test, as an angle; 0: not known
+    #: the scatter of a reading under the model under test, as an angle; 0: not known
     scatter_rad: float = 0.0
-    #: by sensor, the temperatures that a given calibration was made at; empty: none is given
+    #: by sensor, the temperatures at which a given calibration was made; empty: none is given
     calibrated_c: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    #: parameters whose growth that calibration could not know
+    #: parameters whose expansion that calibration leaves unknown
     open_growth: frozenset[str] = frozenset()
 
     @cached_property
     def joints(self) -> range:
-        """Joint numbers 1…N."""
+        """The joint numbers 1…N."""
         return range(1, self.arm.n_joints + 1)
 
     def constant(self, joint: int, name: str) -> float:
-        """Constant of a joint (1…N): "theta", "d", "a", "alpha", "beta"; mm and rad."""
+        """Return a constant of a joint (1…N): "theta", "d", "a", "alpha" or "beta"; mm and rad."""
         return float(self.constants[self.arm.layout.index(f"{name}_{joint}")])
 
     def weights(self, joint: int) -> dict[str, float]:
-        """The sensors of a joint, those with data only."""
+        """Return the sensors of a joint with their weights; empty if one of them has no data."""
         if joint in self.lost_links:
             return {}
         weights = self.arm.joint[joint - 1].weights
         return weights if all(name in self.sensors for name in weights) else {}
 
     def nearby_instants(self, instant: float) -> list[float]:
-        """Moments between readings around *instant*, halfway to its neighbours on the grid."""
+        """Return the moments between readings around *instant*, between its neighbours on
+        the grid.
+        """
         grid = np.asarray(self.instants_unix_s)
         below, above = grid[grid < instant], grid[grid > instant]
         low = below.max() if below.size else -np.inf
@@ -261,35 +271,38 @@ class Effect:
     cause: str
     reason: str  # physics, one sentence
     confounded_with: str
-    experiment: str  # what shows it, one sentence a person can follow
+    experiment: str  # how to show it, one sentence that a person can follow
     candidates: Callable[[SessionFacts], Iterator[Candidate]]
-    #: physical reading of fitted amplitudes, e.g. "the disc sits 0.4 µm off centre"
+    #: physical description of fitted amplitudes, e.g. "the disc sits 0.4 µm off centre"
     describe: Callable[[Candidate, F64], str]
-    #: what sessions must hold for the cause to show at all; empty: any poses will do
+    #: what sessions must contain for the cause to be detectable; empty: any poses will do
     needs: str = ""
     _: KW_ONLY
-    #: a blow, a slip, a wrong certificate: of any size; others are bounded by their typical one
+    #: a blow, a slip or a wrong certificate has any size; other causes are limited by their typical
+    #: size
     accident: bool = False
-    #: shows by the rate, the side of approach or the moment only, never by the pose
+    #: visible only by the rate, the side of approach or the moment, never by the pose
     by_motion: bool = False
     #: amplitudes are per weight carried
     by_weight: bool = False
-    #: goes by the temperatures of the arm's sensors, and says nothing of these
+    #: depends on the temperatures of the arm's sensors, and is no fault of these
     by_temperature: bool = False
-    #: as large as the arm is coarsely made, of which its encoders and its calibration tell
+    #: larger on a coarse arm, by its encoders and its calibration
     as_coarse_as_the_arm: bool = False
-    #: those of the candidates that act through the terms of other findings, the second argument, as
-    #: much as through those under test
+    #: the candidates that act through the terms of other findings (the second argument) as well as
+    #: through those under test
     through_terms: Callable[[SessionFacts, Sequence[Term]], Iterator[Candidate]] | None = None
-    #: how often it happens beside others of the catalogue: most arms have no part that could
+    #: relative frequency among the catalogue's causes: most arms lack a part that could cause it
     commonness: float = 1.0
-    #: the same reading where many harmonics of one joint make a curve over its turn: from the
-    #: curve's root mean square in rad and its strongest order
+    #: description if many harmonics of one joint make a curve over its turn, from the curve's root
+    #: mean square in rad and its strongest order
     describe_curve: Callable[[Candidate, float, int], str] | None = None
 
 
 def tie(parameter_weights: Sequence[tuple[str, float]], *basis: Factor) -> tuple[Term, ...]:
-    """Terms that share one amplitude and one basis: parameter += weight × amplitude × basis."""
+    """Return terms that share one amplitude and one basis: parameter += weight × amplitude
+    × basis.
+    """
     return tuple(
         Term(parameter=name, basis=list(basis), coefficient=weight)
         for name, weight in parameter_weights
@@ -298,8 +311,10 @@ def tie(parameter_weights: Sequence[tuple[str, float]], *basis: Factor) -> tuple
 
 
 def tie_tip(response: F64, along: Callable[[Axis], Factor]) -> tuple[Term, ...]:
-    """The tip gives way by *response* (3, 3) times a vector, both in the last frame; *along*: the
-    factor that is the vector's component along an axis there."""
+    """Return terms by which the tip yields by *response* (3, 3) times a vector, in the last frame.
+
+    *along* returns the factor that is the vector's component along an axis of that frame.
+    """
     return tuple(
         term
         for weights, axis in zip(response.T, AXES, strict=True)
@@ -308,26 +323,26 @@ def tie_tip(response: F64, along: Callable[[Axis], Factor]) -> tuple[Term, ...]:
 
 
 def list_lengths(facts: SessionFacts, joint: int) -> list[tuple[str, float]]:
-    """The lengths of link *joint* in mm by parameter, those that an expansion would change."""
+    """List the lengths of link *joint* in mm by parameter, as far as an expansion changes them."""
     pairs = [(name, facts.constant(joint, name)) for name in ("d", "a")]
     return [(f"{name}_{joint}", value) for name, value in pairs if abs(value) > LEAST_LENGTH_MM]
 
 
 def list_stylus_offsets(facts: SessionFacts) -> list[tuple[str, float]]:
-    """The tip's offset in mm by parameter: what the stylus would change by expanding."""
+    """List the tip's offset in mm by parameter, as far as an expansion of the stylus changes it."""
     values = facts.constants[facts.arm.layout.tip]
     named = zip(TIP_PARAMETERS, values, strict=True)
     return [(name, float(value)) for name, value in named if abs(value) > LEAST_LENGTH_MM]
 
 
 def make_temperature(weights: dict[str, float], **options: float) -> Temperature:
-    """A temperature factor; a difference of sensors needs no reference."""
+    """Make a temperature factor; a difference of sensors needs no reference."""
     if is_difference(weights):
         options["reference_c"] = 0.0
     return Temperature.model_validate({"weights": weights, **options})
 
 
 def describe_instant(candidate: Candidate) -> str:
-    """ " at …" for a candidate with an instant, nothing for others."""
+    """Return " at …" for a candidate with an instant, and "" for others."""
     instant = candidate.instant_unix_s
     return "" if instant is None else f" at {format_clock(instant)}"

@@ -1,9 +1,10 @@
-"""What has no name and depends on what went before a reading: on a joint's way, or on its use.
+"""Unnamed effects that depend on the history before a reading: a joint's way, or its use.
 
-A joint that follows its drive through a spring and slips where that holds no more is wound up by
-the way since it turned back: over short ways an angle too large in proportion, and a new zero after
-each longer one. Without a function of its own, a gain and a zero that wanders stood for it, both
-sure. And what warms a link may be the use of another joint than its own.
+A joint that follows its drive through a spring, and slips when the spring yields, is wound up by
+the way since it turned back. Over short ways its angle is too large in proportion; after each
+longer way it has a new zero. Without a function of its own, a gain and a drifting zero were found
+instead, both with high probability. A link may also be warmed by the use of a joint other than its
+own.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from armd.compensation.effects.effect import (
 )
 from armd.compensation.effects.thermal.self_heating import FINER, TYPICAL_STRAIN
 
-#: Ways after which a joint slips: from near the side that it comes from, which play is, to more
-#: than it moves, which a gain is. Twice apart; several together refine one.
+#: Ways after which a joint slips. The shortest resembles backlash, the longest, which is more than
+#: a joint moves, a gain. They increase by factors of two; several together refine one.
 WITHIN_RAD = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 FINER_SPRINGS = ((0.7,), (0.84,), (1.19,), (1.4,), (0.5, 1.0, 2.0))
 TYPICAL_RAD = 10e-6
@@ -58,7 +59,7 @@ def _wound(joint: int, within_rad: Sequence[float], rates: bool, finest: bool = 
     )
 
     def refine() -> list[Candidate]:
-        """Another spring, or several that slip one after the other."""
+        """Return candidates with another spring, or with several that slip one after the other."""
         return [
             _wound(joint, [f * within_rad[0] for f in factors], rates, True)
             for factors in FINER_SPRINGS

@@ -1,4 +1,4 @@
-"""Where a cause acts: a joint, a link, a sensor, the tip, … as a value, no text to take apart."""
+"""The location of a cause (a joint, a link, a sensor, the tip, …) as a value, not as a text."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ LocationKind = Literal[
 
 @dataclass(frozen=True)
 class Location:
-    """One place; `str` is what results and calibration files call it."""
+    """One location; `str` is its name in results and calibration files."""
 
     kind: LocationKind
-    name: str = ""  # of a target or of sensors; what of a parameter
-    joint: int | None = None  # its number (1…N), of a link the joint's before it
-    origin: tuple[str, Location] | None = None  # of a shape: the cause and location whose it is
+    name: str = ""  # of a target or of sensors; the function of a parameter
+    joint: int | None = None  # its number (1…N), for a link that of the joint before it
+    origin: tuple[str, Location] | None = None  # of a shape: its cause and location
 
     def __str__(self) -> str:
         if self.origin is not None:
@@ -43,30 +43,33 @@ ROWS = Location("rows")  # of a table of readings
 
 
 def joint(number: int) -> Location:
-    """A joint (1…N): its encoder, its axis."""
+    """Return the location of a joint (1…N): its encoder, its axis."""
     return Location("joint", joint=number)
 
 
 def link(number: int) -> Location:
-    """The link (1…N) that its joint turns."""
+    """Return the location of the link (1…N) that its joint turns."""
     return Location("link", joint=number)
 
 
 def target(name: str) -> Location:
-    """A target of the artefact."""
+    """Return the location of a target of the artefact."""
     return Location("target", name)
 
 
 def sensors(*names: str) -> Location:
-    """One temperature sensor, or several together."""
+    """Return the location of one temperature sensor, or of several together."""
     return Location("sensor" if len(names) == 1 else "sensors", ", ".join(names))
 
 
 def parameter(number: int, function: str) -> Location:
-    """What moves a parameter of a joint (1…N) without a name, as a *function*: d_2(q1)."""
+    """Return the location of an unnamed effect on a parameter of a joint (1…N): d_2(q1).
+
+    *function* is that text.
+    """
     return Location("parameter", function, number)
 
 
 def make_shape_location(cause: str, location: Location) -> Location:
-    """The shape of what a cause does at a place, where it is not quite the catalogue's."""
+    """Return the location of a cause's shape, if it differs from that of the catalogue."""
     return Location("shape", origin=(cause, location))

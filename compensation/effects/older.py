@@ -1,9 +1,9 @@
-"""Causes that were there when the calibration under test was made.
+"""Causes that existed when the calibration under test was made.
 
-An arm whose joint turns with temperature did so while it was calibrated. What its constants (and
-the powers of that temperature which the calibration has) could absorb at those temperatures, they
-did. What is left is the cause's course less that: at the calibration's only temperature nothing,
-wherever the reference temperature is. The same holds of what has no name and goes by temperature.
+An arm whose joint turns with temperature did so while it was calibrated. Its constants absorbed
+what they could at those temperatures; so did the powers of that temperature in the calibration. The
+remainder is the cause's course less the absorbed part. At the calibration's only temperature it is
+zero, whatever the reference temperature. The same holds for unnamed effects of a temperature.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ OLDER = "beyond the calibration"
 
 
 def drop_absorbed(candidate: Candidate, facts: SessionFacts) -> Candidate | None:
-    """The cause less what the calibration under test has absorbed of it; None where that is
-    nothing (no calibration is given), or all of it."""
+    """Return the cause less the part that the calibration under test has absorbed.
+
+    Returns None if no calibration is given, so that nothing was absorbed, or if all of it was.
+    """
     if not facts.calibrated_c or candidate.refine is not None:
         return None
     columns = [_beyond(column, facts) for column in candidate.columns]
@@ -34,8 +36,10 @@ def drop_absorbed(candidate: Candidate, facts: SessionFacts) -> Candidate | None
 
 
 def start_at_calibration(older: Candidate) -> Candidate:
-    """The same cause as one that began after the calibration: nothing of it was absorbed. Of a
-    cause of the first order only."""
+    """Return the cause as one that began after the calibration, of which nothing was absorbed.
+
+    It must be a cause of the first order.
+    """
     columns = tuple(
         replace(
             column,
@@ -60,8 +64,10 @@ def _beyond(column: Column, facts: SessionFacts) -> Column | None:
 
 
 def _absorbed(term: Term, factor: Temperature, facts: SessionFacts) -> Iterator[Term]:
-    """Terms of what the calibration has that take away what it has absorbed of a *term*; growth
-    that it could not know took up none."""
+    """Yield the calibration's terms that subtract the absorbed part of a *term*.
+
+    An expansion that the calibration leaves unknown is absorbed by constants only.
+    """
     if factor.lag_s or factor.zone_c or not set(factor.weights) <= set(facts.calibrated_c):
         return
     reference_c = facts.reference_c if factor.reference_c is None else factor.reference_c

@@ -1,8 +1,8 @@
-"""What errs with whole numbers of two neighbouring joints' angles, and has no name.
+"""Unnamed errors that depend on whole multiples of two neighbouring joints' angles together.
 
-A wheel that both turn pushes one of them so many times a turn of each. The catalogue's gear runs
-with the other joint, or with both alike; where the numbers are others, it stood for a part of them,
-and a harmonic of the joint itself for the next.
+A wheel that both joints turn pushes one of them a whole number of times per turn of each. The
+catalogue's gear depends on the other joint, or on both with equal numbers. With other numbers it
+was found as a part of the error, and a harmonic of the joint itself as the next part.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, SessionFacts, tie
 from armd.compensation.model.pose_factors import Harmonic
 
-#: Of each joint; the general basis of two angles has the first two.
+#: Orders of each joint; the general basis of two angles has those up to `COVERED`.
 ORDERS = range(1, 6)
 COVERED = 2
 TYPICAL_RAD = 10e-6
@@ -32,7 +32,7 @@ def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def _rolled(joint: int, neighbour: int, order: int, neighbour_order: int) -> Candidate:
-    """Sine and cosine of *order* × q of the joint + *neighbour_order* × q of the other one."""
+    """Make sine and cosine of *order* × q of the joint + *neighbour_order* × q of the other one."""
     sign = 1.0 if neighbour_order > 0 else -1.0
     parameter = f"theta_{joint}"
     s, c = (Harmonic(kind=kind, joint=joint, order=order) for kind in ("sin", "cos"))

@@ -1,7 +1,7 @@
-"""Small motions of a link's end, said in the arm's own parameters.
+"""Small motions of a link's end, expressed in the arm's own parameters.
 
-A bent link turns and shifts the frame at its end. The parameters of the joint before and after
-that frame span such motions; this module finds the weights.
+A bent link turns and shifts the frame at its end. The parameters of the joint before and after that
+frame span such motions; this module finds the weights.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects.effect import SessionFacts
 
-SHORTEST_MM = 20.0  # a shorter link does not bend by anything that matters
+SHORTEST_MM = 20.0  # a shorter link does not bend noticeably
 
 
 def compute_outgoing(alpha: float, beta: float) -> F64:
-    """Rotation that takes vectors of the frame before Rx(α)·Ry(β) to the outgoing frame."""
+    """Return the rotation from the frame before Rx(α)·Ry(β) to the outgoing frame."""
     ca, sa, cb, sb = np.cos(alpha), np.sin(alpha), np.cos(beta), np.sin(beta)
     about_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
     about_y = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
@@ -24,16 +24,20 @@ def compute_outgoing(alpha: float, beta: float) -> F64:
 
 
 def compute_link_vector(facts: SessionFacts, link: int) -> F64:
-    """From the axis of joint *link* to the frame at the link's end, in that frame, (3,) mm."""
+    """Return the vector (3,) mm from the axis of joint *link* to the frame at the link's end.
+
+    It is expressed in that frame.
+    """
     rotation = compute_outgoing(facts.constant(link, "alpha"), facts.constant(link, "beta"))
     vector: F64 = rotation @ np.array([facts.constant(link, "a"), 0.0, facts.constant(link, "d")])
     return vector
 
 
 def compute_parameter_twists(facts: SessionFacts, link: int) -> tuple[list[str], F64]:
-    """Motion of the frame at the end of *link* per unit of each parameter around it.
+    """Return the motion of the frame at the end of *link* per unit of each parameter around it.
 
-    Returns names and a matrix (6, n): rotation in rad, then translation in mm, in that frame.
+    The result is the names and a matrix (6, n): rotation in rad, then translation in mm, in that
+    frame.
     """
     alpha, beta = facts.constant(link, "alpha"), facts.constant(link, "beta")
     rotation = compute_outgoing(alpha, beta)
@@ -57,10 +61,10 @@ def compute_parameter_twists(facts: SessionFacts, link: int) -> tuple[list[str],
 
 
 def compute_twist_weights(facts: SessionFacts, link: int, twists: F64) -> tuple[list[str], F64]:
-    """Parameters and weights (n, m) that move the end of *link* by the columns of *twists* (6, m).
+    """Return parameters and weights (n, m) that move the end of *link* by *twists* (6, m).
 
-    Where the parameters do not span a motion (a shift across a link of no length), the part
-    they do span is returned.
+    If the parameters do not span a motion (a shift across a link of no length), the part that they
+    span is returned.
     """
     names, basis = compute_parameter_twists(facts, link)
     scale = np.array([1.0, 1.0, 1.0, 1e-2, 1e-2, 1e-2])  # 100 mm of lever weigh as 1 rad

@@ -1,8 +1,8 @@
 """Structure that no cause of the catalogue has: a general basis, named by its variables.
 
-Motions of each joint's frame (its parameters) times functions of one variable, or of two for the
-joints' angles. It competes with the catalogue on equal terms; where it wins, the finding is
-`unknown` and says only what it depends on.
+The basis is motions of each joint's frame (its parameters) times functions of one variable, or of
+two. It competes with the catalogue on equal terms. If it wins, the finding is `unknown` and states
+only its variables.
 """
 
 import re
@@ -25,7 +25,7 @@ from armd.compensation.model.pose_factors import Angle, Approach, Harmonic, Rate
 from armd.compensation.model.slow_factors import TemperatureRate, Time
 from armd.compensation.model.terms import Factor
 
-#: A named cause of more columns than this is a curve.
+#: A named cause with more columns than this is a curve.
 MOST_NAMED = 6
 TYPICAL = {"mm": 5e-3, "rad": 10e-6}
 
@@ -52,7 +52,10 @@ def _candidate(
     functions: Sequence[_Function],
     richer: Sequence[_Function] = (),
 ) -> Candidate:
-    """Functions that go together; *richer*: those of a richer candidate in the same variables."""
+    """Make a candidate of functions that belong together.
+
+    *richer* are the functions of a richer candidate in the same variables.
+    """
     parameter = f"{stem}_{joint}"
     columns = tuple(
         Column(
@@ -72,8 +75,11 @@ def _candidate(
 
 
 def _general(variables: tuple[str, ...]) -> list[_Function]:
-    """A nearly free function of a joint's angle or rate, of two angles, or of a rate and an angle;
-    nothing for other variables."""
+    """Return a nearly free function of a joint's angle or rate, of two angles, or of rate and
+    angle.
+
+    The result is empty for other variables.
+    """
     matches = [re.fullmatch(r"([qw])(\d+)", name) for name in variables]
     constant: _Function = ("", "", 1.0, ())
     match [(m[1], int(m[2])) for m in matches if m]:
@@ -118,7 +124,9 @@ def _of_the_rate(joint: int) -> list[_Function]:
 def _functions(
     facts: SessionFacts, turning: int | None
 ) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
-    """Variables, and the functions of them that go together; of two for a *turning* joint."""
+    """Yield variables and their functions that belong together; a *turning* joint has
+    pairs, too.
+    """
     for j in facts.joints:
         yield (f"q{j}",), [*_waves(j, 1), *_waves(j, 2)]
         yield (f"q{j}",), [(f"q{j}^{n}", "", 1.0, (Angle(joint=j, power=n),)) for n in (2, 3)]
@@ -151,7 +159,7 @@ def _functions(
 
 
 def _make_elapsed_time(facts: SessionFacts) -> tuple[Time, float]:
-    """Time since the first reading, and how many hours were seen."""
+    """Make the time since the first reading, and return the hours seen."""
     elapsed = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
     return elapsed, max((facts.end_unix_s - facts.start_unix_s) / 3600.0, 1e-6)
 
@@ -159,8 +167,10 @@ def _make_elapsed_time(facts: SessionFacts) -> tuple[Time, float]:
 def _of_the_side(
     facts: SessionFacts, joint: int
 ) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
-    """Friction of one joint that depends on where another stands, how warm it is, how fast it
-    turned, or how long it has been in use."""
+    """Yield functions of one joint's friction.
+
+    It depends on another joint's angle, a temperature, the joint's rate, or the time in use.
+    """
     of_the_rate = _of_the_rate(joint)
     if facts.timed:
         elapsed, hours = _make_elapsed_time(facts)
@@ -204,8 +214,10 @@ def _waves(joint: int, order: int) -> list[_Function]:
 
 
 def remove_name(candidate: Candidate, finding: Candidate) -> Candidate:
-    """A candidate of a named cause, its columns called by the parameters that they move; a curve
-    over the turn and what has no name stay what they are."""
+    """Return a candidate of a named cause as unknown, with columns named by their parameters.
+
+    A curve over the turn and an unknown candidate are returned unchanged.
+    """
     if candidate.cause == "unknown" or len(candidate.columns) > MOST_NAMED:
         return candidate
     columns = tuple(

@@ -1,4 +1,4 @@
-"""Which parameters are asked for, and in words which of them the readings cannot tell apart."""
+"""The constants to identify, and descriptions of those that the readings cannot separate."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from armd.arrays import F64
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import PARALLEL_DEG, Arm
 
-#: Plausible departures from the drawing; a direction known worse than a tenth of this is unknown.
+#: Plausible departures from nominal; a direction known worse than a tenth of this is unknown.
 PLAUSIBLE = {"mm": 10.0, "rad": 0.02}
-#: What moves points by less than this, relative to what moves them most, moves none.
+#: A direction that moves points by less than this, relative to the strongest one, moves none.
 ROUNDING = 1e-9
-#: A direction this close (cosine) to all lengths in proportion is the arm's size.
+#: A direction with at least this cosine to all lengths in proportion is the arm's size.
 ALL_LENGTHS = 0.8
 
 
 def find_parallel_joints(arm: Arm) -> list[int]:
-    """Joints k (from 1) whose axis is nearly parallel to that of joint k + 1."""
+    """Find the joints k (from 1) whose axis is nearly parallel to that of joint k + 1."""
     limit = math.sin(math.radians(PARALLEL_DEG))
     return [
         k
@@ -31,10 +31,10 @@ def find_parallel_joints(arm: Arm) -> list[int]:
 
 
 def list_free_constants(arm: Arm) -> list[str]:
-    """Names of the constants to identify: θ, d, a, α of every joint and the tip's offset.
+    """List the names of the constants to identify: θ, d, a, α of every joint and the tip's offset.
 
-    Where consecutive axes are nearly parallel, their common normal has no place: Hayati's β is
-    asked for instead of d (Hayati 1983), which stays as drawn.
+    Where consecutive axes are nearly parallel, their common normal has no definite place. There
+    Hayati's β is identified instead of d (Hayati 1983), which stays nominal.
     """
     hayati = find_parallel_joints(arm)
     names = []
@@ -45,10 +45,10 @@ def list_free_constants(arm: Arm) -> list[str]:
 
 
 def compute_gauge(columns: F64, scale: F64) -> F64:
-    """(C, k) directions, in scaled unknowns, that move no point.
+    """Return the directions (C, k), in scaled unknowns, that move no point.
 
-    *columns* (m, 3, C): d tip / d unknown in postures all over the arm's reach. What moves no
-    point there is a choice of coordinates: nothing hangs on it, and it is not uncertain.
+    *columns* (m, 3, C): d tip / d unknown in postures all over the arm's reach. A direction that
+    moves no point there is a choice of coordinates: nothing depends on it, and it is not uncertain.
     """
     flat = columns.reshape(-1, columns.shape[2]) * scale
     _, s, vt = np.linalg.svd(np.linalg.qr(flat, mode="r"))
@@ -58,7 +58,7 @@ def compute_gauge(columns: F64, scale: F64) -> F64:
 
 
 def describe_unidentifiable(null: F64, names: Sequence[str], arm: Arm) -> list[str]:
-    """Each direction of the null space in words.
+    """Describe each direction of the null space in words.
 
     *null* (C, k): a basis, in units of plausible departures; *names* (C,) of the unknowns.
     """
@@ -69,12 +69,12 @@ def describe_unidentifiable(null: F64, names: Sequence[str], arm: Arm) -> list[s
 
 
 def is_scale_free(null: F64, names: Sequence[str], arm: Arm) -> bool:
-    """Whether one of these directions is the arm's size: nothing measured says how long it is."""
+    """Return whether a direction is the arm's size: then no measurement determines its scale."""
     return any(_is_size(vector, names, arm) for vector, _ in _make_sparse(null, names, arm))
 
 
 def _is_size(vector: F64, names: Sequence[str], arm: Arm) -> bool:
-    """Whether a direction is all lengths in proportion."""
+    """Return whether a direction is all lengths in proportion."""
     drawn = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
     lengths = np.array(
         [drawn.get(name, 0.0) * (parameters.find_unit(name) == "mm") for name in names]
@@ -84,16 +84,16 @@ def _is_size(vector: F64, names: Sequence[str], arm: Arm) -> bool:
 
 
 def _make_sparse(null: F64, names: Sequence[str], arm: Arm) -> list[tuple[F64, int]]:
-    """The same space by vectors with few entries, each with its leading entry.
+    """Return a basis of the same space with few entries per vector, and their leading entries.
 
-    Leads are chosen by a pivoted QR that prefers the constants a reader would give up first:
+    Leads are chosen by a pivoted QR that prefers the constants that a reader would give up first:
     those of the last joint, which only place the tip, then of the first, which place the arm.
     """
     if null.shape[1] == 0:
         return []
     last = f"_{arm.n_joints}"
     prefer = [100.0 if n.endswith(last) else 10.0 if n.endswith("_1") else 1.0 for n in names]
-    prefer = [p * (1.0 - 1e-6 * i) for i, p in enumerate(prefer)]  # of two alike the first
+    prefer = [p * (1.0 - 1e-6 * i) for i, p in enumerate(prefer)]  # between equals the first
     pivots = qr(null.T * prefer, mode="r", pivoting=True)[1][: null.shape[1]]
     rows = np.linalg.solve(null.T[:, pivots], null.T)
     return sorted(zip(rows, map(int, pivots), strict=True), key=lambda lead_pair: lead_pair[1])

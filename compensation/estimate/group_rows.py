@@ -1,4 +1,4 @@
-"""Rows of one table that are alike, found in one pass."""
+"""Grouping of the rows of one table by equal keys, in one pass."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from armd.arrays import I64
 
 
 def split_alike(keys: Sequence[I64], order_by: Sequence[I64] = ()) -> list[I64]:
-    """Return the places (m,) at which all *keys* (n,) are alike, part by part, the keys ascending.
+    """Return the row numbers (m,) of each part in which all *keys* (n,) are equal, keys ascending.
 
-    A part's places are ordered by *order_by*, and then ascend.
+    Within a part, rows are ordered by *order_by*, and then by number.
     """
     order = np.lexsort([*reversed(order_by), *reversed(keys)])
     if not len(order):
@@ -22,7 +22,7 @@ def split_alike(keys: Sequence[I64], order_by: Sequence[I64] = ()) -> list[I64]:
 
 
 def group_rows(session: I64, placement: I64, target: I64) -> dict[int, dict[int, I64]]:
-    """Return the rows of each session's placements, both ascending, a placement's by target."""
+    """Return the rows by session and placement, both ascending; those of a placement by target."""
     rows: dict[int, dict[int, I64]] = {}
     for part in split_alike([session, placement], [target]):
         of_session = rows.setdefault(int(session[part[0]]), {})

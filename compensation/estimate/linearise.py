@@ -1,9 +1,9 @@
-"""The model around a point: residuals, parameter Jacobian, and what only nuisances explain.
+"""The model around a point: residuals, parameter Jacobian, and columns of nuisances.
 
-Calibration and diagnosis stand on this one. Nuisances are the placements (six columns each) and
-the targets nobody certified exactly (three columns each). A calibration steps towards its answer,
-so its columns are taken at adjusted angles; a diagnosis asks what an answer leaves, at the angles
-as read (docs/decisions/0023).
+Calibration and diagnosis both use it. Nuisances are the placements (six columns each) and the
+targets whose position is not certified exactly (three columns each). A calibration steps towards
+its solution, so its columns are taken at adjusted angles. A diagnosis examines the residuals of a
+solution, at the angles as read (docs/decisions/0023).
 """
 
 from __future__ import annotations
@@ -33,12 +33,11 @@ from armd.compensation.model.terms import Term
 
 @dataclass(frozen=True, kw_only=True)
 class Linearisation:
-    """Residuals (n, 3) mm in the base frame, tip minus target, and how they move.
+    """Residuals (n, 3) mm in the base frame, tip minus target, and their derivatives.
 
     With parameter changes δ (per row: constants' plus coefficient × basis value), twists w of the
-    placements and shifts s of the targets:
-    residual + jacobian·δ + pose_columns·w[placement] + target_columns·s[target]. Of a reading on a
-    surface all of them lie along its normal.
+    placements and shifts s of the targets: residual + jacobian·δ + pose_columns·w[placement] +
+    target_columns·s[target]. For a reading on a surface all of them lie along its normal.
     """
 
     observations: Observations
@@ -49,13 +48,13 @@ class Linearisation:
     there_mm: F64  # (n, 3) tip at these angles, base frame
     jacobian: F64  # (n, 3, P) d residual / d parameter, at these angles
     basis: F64  # (n, T) values of the terms' basis functions
-    centre_mm: F64  # (p, 3) what the placements' twists turn about
+    centre_mm: F64  # (p, 3) centres about which the placements' twists turn
     pose_columns: F64  # (n, 3, 6)
-    target_columns: F64  # (n, 3, 3); zero where the row's own truth counts
+    target_columns: F64  # (n, 3, 3); zero where the row has its own truth
     free_targets: I64  # targets that move: unknown seats, and positions with an uncertainty
 
     def rows(self, mask: Mask) -> Linearisation:
-        """The same linearisation with some readings only."""
+        """Return the linearisation with some readings only."""
         return replace(
             self,
             observations=(chosen := self.observations.rows(mask)),
@@ -72,17 +71,17 @@ class Linearisation:
 
     @cached_property
     def joints(self) -> F64:
-        """d tip / d angle (n, 3, N) mm/rad, in one piece of memory: much is multiplied by it."""
+        """The derivative d tip / d angle (n, 3, N) mm/rad, contiguous for fast products."""
         return np.ascontiguousarray(self.jacobian[:, :, self.observations.arm.layout.angles])
 
     def make_constant_columns(self, names: Sequence[str]) -> F64:
-        """d residual / d constant (n, 3, len(names))."""
+        """Return d residual / d constant (n, 3, len(names))."""
         indices = np.array(self.observations.arm.layout.indices(names), dtype=np.int64)
         columns: F64 = np.take(self.jacobian, indices, axis=2)
         return columns
 
     def make_term_columns(self, terms: Sequence[Term], basis: F64) -> F64:
-        """d residual / d coefficient (n, 3, T): the parameter's column times the basis (n, T)."""
+        """Return d residual / d coefficient (n, 3, T): parameter's column × basis (n, T)."""
         columns = self.make_constant_columns([term.parameter for term in terms])
         columns *= basis[:, None, :]
         return columns
@@ -98,7 +97,7 @@ def linearise(
 ) -> Linearisation:
     """Linearise about constants (P,) in mm and rad, the terms' coefficients, and *poses*.
 
-    A row with a missing temperature that a term needs has NaN throughout; leave such rows out
+    A row with a missing temperature that a term needs has NaN throughout; drop such rows
     beforehand. *basis* (n, T): the terms' values, where already known.
     """
     states, arm = observations.states, observations.arm
@@ -126,9 +125,12 @@ def linearise_as_read(
     basis: F64,
     off_tip_mm: F64 | None = None,
 ) -> Linearisation:
-    """The same where the readings put the tip, with poses and unknown seats fitted there: columns
-    and levers at the angles as read. A monstrous reading does not move them. *off_tip_mm* (n, 3):
-    how far from the tip, in the last frame, sits what each reading is of."""
+    """Linearise at the angles as read, with poses and unknown seats fitted there.
+
+    Columns and levers are taken at the tip's positions by these angles. A monstrous reading does
+    not move the poses. *off_tip_mm* (n, 3): offset from the tip, in the last frame, of the point
+    that each reading is of.
+    """
     rows = compute_parameter_rows(constants, terms, basis)
     if off_tip_mm is not None:
         rows = rows.copy()
@@ -173,7 +175,7 @@ def _linearise_around(
 
 
 def _find_free_targets(observations: Observations) -> I64:
-    """Targets that readings without their own truth touch, and whose position may move."""
+    """Find the targets touched by readings without own truth whose position may move."""
     touched = np.unique(observations.target[~observations.has_truth])
     movable = observations.unknown | (observations.uncertainty_mm > 0)
     return touched[movable[touched]]

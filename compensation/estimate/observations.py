@@ -1,7 +1,7 @@
-"""Readings of several sessions as one problem: one table, placements and targets numbered through.
+"""Readings of several sessions as one problem: one table with common numbering.
 
-A placement and an artefact's unknown points belong to their session: two sessions never share
-them, even where their names agree.
+Placements and targets are numbered through all sessions. A placement and an artefact's unknown
+points belong to their session: two sessions never share them, even where their names agree.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.state import States
 from armd.errors import BadInput
 
-#: An orientation that is off by 1 rad counts as off by so many mm.
+#: An orientation error of 1 rad counts as an error of so many mm.
 TURN_MM = 100.0
 
 
@@ -34,17 +34,20 @@ class Distances:
     between: I64  # (D, 2) indices of targets
     length_mm: F64  # (D,)
     standard_uncertainty_mm: F64  # (D,)
-    certificate: I64  # (D,) alike where it is the same entry of the same artefact's certificate
+    certificate: I64  # (D,) equal for the same entry of the same artefact's certificate
 
 
 @dataclass(frozen=True, kw_only=True)
 class Observations:
-    """n readings, P placements, K targets. Row i says: the tip stood at target[i] in
-    placement[i], or at truth_mm[i] in that placement's frame where truth is given.
+    """A table of n readings in P placements of K targets.
 
-    A target that is a surface says so of one direction only. It has a placement of its own
-    wherever it was touched, in which it is a plane at a height, or a sphere or cylinder about the
-    origin or z; its position's third coordinate is that height or its radius."""
+    Row i means: the tip stood at target[i] in placement[i], or at truth_mm[i] in that placement's
+    frame where truth is given.
+
+    A target that is a surface constrains one direction only. It has a placement of its own wherever
+    it was touched. In that frame it is a plane at a height, or a sphere about the origin, or a
+    cylinder about z. The third coordinate of its position is that height or its radius.
+    """
 
     arm: Arm
     session_names: list[str]
@@ -55,19 +58,19 @@ class Observations:
     row: I64  # (n,) of its session's table, from 0
     placement: I64  # (n,)
     target: I64  # (n,)
-    truth_mm: F64  # (n, 3), NaN where the target counts
+    truth_mm: F64  # (n, 3), NaN where the target is used
     stretch: F64  # (n,) the artefact's size relative to its reference temperature
-    kind: I64  # (K,) a point, or which surface
+    kind: I64  # (K,) a point, or a kind of surface
     position_mm: F64  # (K, 3) certified, NaN for a seat
     uncertainty_mm: F64  # (K,) standard uncertainty per axis of a certified position
-    certificate: I64  # (K,) alike where it is the same target of the same artefact's certificate
+    certificate: I64  # (K,) equal for the same target of the same artefact's certificate
     placement_session: I64  # (P,)
     target_session: I64  # (K,)
     distances: Distances
     reflector: I64  # (n,) index into reflectors; -1: arm.toml's tip
     reflectors: dict[str, F64]  # offset (3,) mm in the last frame, NaN unknown
     measured_turn: F64  # (n, 3, 3) of the measured body in its placement's frame; NaN without
-    turned: Mask  # (n,) rows that say this, and not where the tip is (`orientations`)
+    turned: Mask  # (n,) rows that are orientations, not positions of the tip (`orientations`)
 
     @property
     def n(self) -> int:
@@ -75,31 +78,30 @@ class Observations:
 
     @property
     def has_truth(self) -> Mask:
-        """(n,) rows whose own truth replaces the target."""
+        """The rows (n,) whose own truth replaces the target."""
         return np.isfinite(self.truth_mm[:, 0])
 
     @property
     def unknown(self) -> Mask:
-        """(K,) seats: targets without a certified position."""
+        """The targets (K,) without a certified position: seats."""
         return np.isnan(self.position_mm[:, 0])
 
     @property
     def says_size(self) -> Mask:
-        """(K,) targets of which something certified says how large the artefact is; of a plane
-        alone nothing does."""
+        """The targets (K,) with a certified value that gives the artefact's size; no plane."""
         has_size: Mask = ~self.unknown & (self.kind != PLANE)
         return has_size
 
     @cached_property
     def on_surface(self) -> Mask:
-        """(n,) rows that touch a surface, wherever on it."""
+        """The rows (n,) that touch a surface, anywhere on it."""
         kind = self.kind[self.target]
         touched: Mask = (kind != POINT) & (kind != TURN) & ~self.has_truth
         return touched
 
     @property
     def freedom(self) -> I64:
-        """(n,) how many equations each row gives."""
+        """The number (n,) of equations that each row gives."""
         return np.where(self.on_surface, 1, 3)
 
     @cached_property
@@ -109,7 +111,7 @@ class Observations:
 
     @cached_property
     def posture(self) -> I64:
-        """(n,) number of each reading's posture, from 0 in the order of the readings."""
+        """The number (n,) of each reading's posture, from 0 in the order of the readings."""
         target = np.where(self.has_truth, -1, self.target)
         return number_postures(self.states.q, self.placement, target)
 
@@ -118,18 +120,18 @@ class Observations:
         return int(self.posture.max(initial=-1)) + 1
 
     def name_row(self, i: int) -> str:
-        """A reading as a person finds it: its session, and its row counted from 1."""
+        """Return a reading's session, and its row counted from 1, as a person finds it."""
         return f"{self.session_names[self.session[i]]} row {self.row[i] + 1}"
 
     def get_known_mm(self, target_mm: F64) -> F64:
-        """Where the tip stood (n, 3), in the placement's frame, given target positions (K, 3)."""
+        """Return the points touched (n, 3) in the placement's frame, by target positions (K, 3)."""
         points = self.stretch[:, None] * target_mm[self.target]
         return np.where(self.has_truth[:, None], self.truth_mm, points)
 
     def rows(self, mask: Mask | I64) -> Observations:
-        """The same problem with some readings only; placements and targets keep their numbers.
+        """Return the problem with some readings only; placements and targets keep their numbers.
 
-        Lagged basis functions want all rows of a run: evaluate them before choosing rows.
+        Lagged basis functions need all rows of a run: evaluate them before choosing rows.
         """
         return replace(
             self,
@@ -155,9 +157,9 @@ def collect_observations(
 ) -> Observations:
     """Join sessions; *artefact* corrects certified values by what a diagnosis found.
 
-    Certified lengths to a seat that nobody touched are left out, unless *every_length* (its
-    readings may be elsewhere): more lengths than it has coordinates want it somewhere, which no
-    step from a guess finds.
+    Certified lengths to a seat that nobody touched are dropped, unless *every_length* (readings of
+    the seat may be elsewhere). More lengths than the seat has coordinates determine its position,
+    which no step from a guess would find.
     """
     names = make_distinct_names(sessions)
     corrections = [_get_correction(session, artefact) for session in sessions]
@@ -216,13 +218,13 @@ def collect_observations(
 
 
 def _get_turns(session: Session) -> F64:
-    """(n, 3, 3); of a session without orientations NaN, and no memory."""
+    """Return orientations (n, 3, 3); NaN for a session without any, at no cost of memory."""
     nothing = np.broadcast_to(np.full((1, 1, 1), np.nan), (session.n, 3, 3))
     return nothing if session.turn is None else session.turn
 
 
 def _collect_reflectors(sessions: Sequence[Session]) -> dict[str, F64]:
-    """Offsets of all reflectors that readings name; raises `BadInput` where two sessions differ."""
+    """Collect offsets of all reflectors in readings; raise `BadInput` where sessions differ."""
     offsets: dict[str, F64] = {}
     for session in sessions:
         for name in session.reflector_names:
@@ -236,7 +238,7 @@ def _collect_reflectors(sessions: Sequence[Session]) -> dict[str, F64]:
 
 
 def _index_reflectors(session: Session, names: Sequence[str]) -> I64:
-    """(n,) index into *names*; -1 without a reflector."""
+    """Return the index (n,) of each reading's reflector in *names*; -1 without a reflector."""
     if session.reflector is None:
         return np.full(session.n, -1)
     numbers = np.array([names.index(name) for name in session.reflector_names], dtype=np.int64)
@@ -244,14 +246,14 @@ def _index_reflectors(session: Session, names: Sequence[str]) -> I64:
 
 
 def _number_equal(entries: Sequence[object]) -> I64:
-    """Equal entries share a number."""
+    """Number the entries so that equal ones share a number."""
     texts = [repr(entry) for entry in entries]
     first = {text: i for i, text in reversed(list(enumerate(texts)))}
     return np.array([first[text] for text in texts], dtype=np.int64)
 
 
 def _get_correction(session: Session, correction: ArtefactCorrection | None) -> ArtefactCorrection:
-    """What was found on one artefact says nothing of another."""
+    """Return the correction for a session's artefact; none if it is of another artefact."""
     if correction is None:
         return ArtefactCorrection()
     named = not correction.artefacts or session.artefact.name in correction.artefacts
@@ -259,7 +261,7 @@ def _get_correction(session: Session, correction: ArtefactCorrection | None) -> 
 
 
 def _compute_stretch(session: Session, correction: ArtefactCorrection) -> F64:
-    """(n,) 1 + expansion · ΔT."""
+    """Return the factors (n,) scale · (1 + expansion · ΔT)."""
     expansion = correction.expansion_per_k
     expansion = session.artefact.expansion_per_k if expansion is None else expansion
     return correction.scale * (1.0 + expansion * session.artefact_rise_k)
@@ -274,7 +276,7 @@ def _compute_positions(session: Session, correction: ArtefactCorrection) -> F64:
 
 
 def _list_placed(session: Session) -> set[str]:
-    """Names of the targets that have readings or certified positions."""
+    """Return the names of the targets that have readings or certified positions."""
     certified = {t.name for t in session.artefact.targets if t.position_mm is not None}
     return certified | {session.artefact.target_names[k] for k in np.unique(session.target)}
 

@@ -1,8 +1,8 @@
-"""Readings of how the last frame is turned: rows beside those of where its tip is.
+"""Readings of the last frame's orientation, as rows beside those of the tip's position.
 
-A row that is *turned* measures the orientation of a body on the last link, which is turned against
-the last frame by an unknown rotation. Its residual is a rotation vector in the base frame, at a
-lever that makes mm of it; so all else in the estimate takes it for a row like any other.
+A row that is *turned* measures the orientation of a body on the last link. This body is turned
+against the last frame by an unknown rotation. The residual is a rotation vector in the base frame,
+times a lever that makes mm of it. So all else in the estimate treats it as a row like any other.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from armd.compensation.model.parameters import ParameterLayout
 
 
 def add_orientations(observations: Observations) -> Observations:
-    """The same with a row more for each reading that has an orientation, behind all others."""
+    """Append a row for each reading that has an orientation, after all others."""
     measured = find_oriented_rows(observations)
     if not len(measured):
         return observations
@@ -50,18 +50,21 @@ def add_orientations(observations: Observations) -> Observations:
 
 
 def add_orientation_rows(observations: Observations, rows: Mask) -> Mask:
-    """The chosen *rows* (n,) of the observations, and their orientations behind all others."""
+    """Return the mask of the chosen *rows* (n,) and of their orientations after all others."""
     return np.append(rows, rows[find_oriented_rows(observations)])
 
 
 def find_oriented_rows(observations: Observations) -> I64:
-    """Rows that have an orientation."""
+    """Find the rows that have an orientation."""
     return np.flatnonzero(np.isfinite(observations.measured_turn[:, 0, 0]))
 
 
 def compute_observed(q: F64, rows: F64, turned: Mask) -> F64:
-    """What readings measure (n, 3) mm, base frame, by angles (n, N) and parameters (n, P): the tip,
-    or of *turned* (n,) the last frame's rotation vector at its lever."""
+    """Return the modelled readings (n, 3) mm, base frame, by angles (n, N) and parameters (n, P).
+
+    They are the tip's position or, for *turned* rows (n,), the last frame's rotation vector times
+    its lever.
+    """
     position, rotation = compute_pose(q, rows)
     if turned.any():
         position = position.copy()
@@ -70,9 +73,9 @@ def compute_observed(q: F64, rows: F64, turned: Mask) -> F64:
 
 
 def compute_turn_columns(q: F64, rows: F64) -> F64:
-    """d rotation vector / d parameter (n, 3, P) of the last frame, base frame, at the lever.
+    """Return d rotation vector / d parameter (n, 3, P) of the last frame, base frame, at the lever.
 
-    By how the tips of the frame's three unit vectors move.
+    It is computed from the motions of the tips of the frame's three unit vectors.
     """
     tip_columns = ParameterLayout.from_count(rows.shape[1]).tip
     without = rows.copy()

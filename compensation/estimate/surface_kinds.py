@@ -1,9 +1,9 @@
 """Surfaces among an artefact's targets, each in a placement of its own.
 
-Where a surface stands is unknown in each placement of the artefact, apart from all else there. So
-its readings have a placement of their own, in whose frame the surface stands still: a plane at a
-height, a sphere about the origin, a cylinder about z. What a placement may do without moving the
-surface (a turn about a sphere's centre) no reading tells, and the fit takes nothing for it.
+In each placement of the artefact a surface's position is unknown and independent of all else there.
+So its readings have a placement of their own, in whose frame the surface is fixed: a plane at a
+height, a sphere about the origin, a cylinder about z. Motions of a placement that do not move the
+surface (a turn about a sphere's centre) are not identifiable, and the fit does not count them.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from armd.arrays import I64
 from armd.compensation.data.sessions.format import Artefact, SurfaceKind
 from armd.compensation.data.sessions.session import Session
 
-#: What stands at a target's number; a turn is how a body on the last link is turned.
+#: Kinds of a target; TURN is the orientation of a body on the last link.
 POINT, PLANE, SPHERE, CYLINDER, TURN = range(5)
 _KINDS: dict[SurfaceKind, int] = {"plane": PLANE, "sphere": SPHERE, "cylinder": CYLINDER}
-#: How many directions of a placement move what stands there.
+#: Number of a placement's directions that move a target of each kind.
 FREEDOM = {POINT: 6, PLANE: 3, SPHERE: 3, CYLINDER: 4}
 
 
 def list_kinds(artefact: Artefact) -> I64:
-    """Return what each target of *artefact* (K,) is."""
+    """Return the kind (K,) of each target of *artefact*."""
     kinds = [_KINDS[surface.kind] for surface in artefact.surfaces]
     return np.array([POINT] * len(artefact.targets) + kinds, dtype=np.int64)
 
@@ -30,8 +30,8 @@ def list_kinds(artefact: Artefact) -> I64:
 def list_placements(session: Session) -> tuple[list[str], I64]:
     """Return the names of a session's placements, and each reading's placement (n,).
 
-    Each surface has one of its own beside those of the session, wherever it was touched; parallel
-    planes that certified lengths tie share it. It bears the name of the session's placement.
+    Each surface has a placement of its own wherever it was touched, beside those of the session;
+    parallel planes tied by certified lengths share it. It has the name of the session's placement.
     """
     if not session.artefact.surfaces:
         return session.placement_names, session.placement
@@ -49,7 +49,7 @@ def list_placements(session: Session) -> tuple[list[str], I64]:
 
 
 def _group_bodies(artefact: Artefact) -> I64:
-    """(K,) of each surface the first one that it hangs together with; -1 of a point."""
+    """Return for each target (K,) the first surface to which it is tied; -1 for a point."""
     names = artefact.target_names
     body = np.where(list_kinds(artefact) == POINT, -1, np.arange(len(names)))
     for distance in artefact.distances:

@@ -1,8 +1,8 @@
-"""Points on surfaces of unknown place: which point the tip is nearest to, and where a fit begins.
+"""Points on surfaces of unknown pose: the nearest point to the tip, and the start of a fit.
 
-A reading on a surface says of the tip only how far it is from that, along the normal; across, it
-may be anywhere. So its residual and all its columns lie along the normal, and it is one equation.
-The tip's centre lies arm.toml's radius away, on the side that the approach or the shaft comes from.
+A reading on a surface constrains the tip along the normal only; across, the tip may be anywhere. So
+its residual and all its columns lie along the normal, and it is one equation. The tip's centre is
+the radius from arm.toml away, on the side from which the approach or the shaft comes.
 """
 
 from __future__ import annotations
@@ -19,23 +19,27 @@ from armd.compensation.features.fit import fit as fit_feature
 from armd.compensation.features.shapes import find_across
 from armd.compensation.model.kinematics import compute_pose
 
-#: A direction whose mean cosine with the normals is less does not say which side it comes from.
+#: A direction with a smaller mean cosine with the normals does not determine the side.
 LEAST_COSINE = 0.2
 
 
 @dataclass(frozen=True)
 class SurfaceFits:
-    """Where the surfaces' fit begins: their placements, and what is known of each target."""
+    """The start of the surfaces' fit: placements, and each target's position and side."""
 
-    rotation: F64  # (P, 3, 3), of other placements as they were
+    rotation: F64  # (P, 3, 3), unchanged for other placements
     translation_mm: F64  # (P, 3) likewise
-    target_mm: F64  # (K, 3) likewise
+    target_mm: F64  # (K, 3), unchanged for other targets
     side: F64  # (K,) 1 where the tip touches from outside, -1 from inside a sphere or cylinder
 
 
 def measure_heights(kind: I64, local_mm: F64) -> tuple[F64, F64]:
-    """Return heights (n,) mm over the plane z = 0, the origin or the z axis, by *kind* (n,), of
-    points (n, 3) in their surface's frame, and unit vectors (n, 3) along which they grow."""
+    """Return heights (n,) mm of points over their surface's origin, and unit vectors along them.
+
+    *local_mm* (n, 3) are points in their surface's frame. A height is taken over the plane z = 0,
+    the origin or the z axis, by *kind* (n,). The unit vectors (n, 3) are those along which heights
+    grow.
+    """
     offset_mm, normal = local_mm.copy(), np.tile([0.0, 0.0, 1.0], (len(kind), 1))
     offset_mm[kind == CYLINDER, 2] = 0.0
     length: F64 = np.linalg.norm(offset_mm, axis=1)
@@ -46,8 +50,10 @@ def measure_heights(kind: I64, local_mm: F64) -> tuple[F64, F64]:
 
 
 def project_on_normals(normal: F64, columns: F64) -> F64:
-    """Columns (n, 3, m) of readings, those across a surface's *normal* (n, 3) taken away; a
-    reading whose normal is 0 touches a point, and keeps all of them."""
+    """Project columns (n, 3, m) of readings on a surface's *normal* (n, 3).
+
+    A reading whose normal is 0 touches a point, and keeps all its columns.
+    """
     on_surface: Mask = np.any(normal, axis=1)
     if not on_surface.any():
         return columns
@@ -59,8 +65,11 @@ def project_on_normals(normal: F64, columns: F64) -> F64:
 
 
 def compute_outward_directions(observations: Observations) -> tuple[F64, F64]:
-    """Return unit vectors (n, 3), base frame, out of what was touched: against the approach, NaN
-    without one, and along the shaft of arm.toml's tip, up to the wrist."""
+    """Return unit vectors (n, 3) out of the touched surface, base frame, in two versions.
+
+    The first is against the approach, NaN without one. The second is along the shaft of arm.toml's
+    tip, up to the wrist.
+    """
     arm, states = observations.arm, observations.states
     offset = np.array(arm.tip.offset_mm, dtype=float)
     shaft = -offset if offset.any() else np.array([0.0, 0.0, -1.0])
@@ -69,8 +78,10 @@ def compute_outward_directions(observations: Observations) -> tuple[F64, F64]:
 
 
 def compute_mean_cosines(observations: Observations, rows: I64, normal: F64) -> tuple[float, float]:
-    """Mean cosines of the two directions out of a surface with its *normal* (m, 3) at *rows* (m,);
-    NaN where no row has the direction."""
+    """Return the mean cosines of the two outward directions with a surface's *normal* (m, 3).
+
+    They are taken at *rows* (m,), and NaN where no row has the direction.
+    """
     part = observations.rows(rows)
     means = []
     for direction in compute_outward_directions(part):
@@ -81,15 +92,17 @@ def compute_mean_cosines(observations: Observations, rows: I64, normal: F64) -> 
 
 
 def choose_side(approach: float, shaft: float) -> float:
-    """1 where these mean cosines with a surface's normal say that it is touched from where the
-    normal points to, else -1: a clear approach decides, otherwise the shaft."""
+    """Return 1 if a surface is touched from where its normal points to, else -1.
+
+    The mean cosines with the normal decide: that of the approach if it is clear, otherwise the
+    shaft's.
+    """
     decides = approach if abs(approach) >= LEAST_COSINE else shaft  # NaN is never clear
     return -1.0 if decides < 0.0 else 1.0
 
 
 def group_planes(observations: Observations) -> list[I64]:
-    """Return the targets of each frame in which planes stand at heights: one plane, or several
-    parallel ones."""
+    """Return the targets of each frame of planes: one plane, or several parallel ones."""
     rows = np.flatnonzero(observations.on_surface)
     target = observations.target[rows]
     pairs = np.stack([observations.placement[rows], target], axis=1)
@@ -105,7 +118,7 @@ def fit_each_surface(
     translation_mm: F64,
     target_mm: F64,
 ) -> SurfaceFits:
-    """Fit each surface by itself to tips (n, 3) mm in the base frame: where a fit of all begins."""
+    """Fit each surface by itself to tips (n, 3) mm in the base frame, to start a common fit."""
     rotation, translation, target = rotation.copy(), translation_mm.copy(), target_mm.copy()
     radius = observations.arm.tip.radius_mm
     side = np.ones(len(target))
@@ -138,7 +151,7 @@ def fit_each_surface(
 
 
 def _fit_frame(observations: Observations, rows: I64, points: F64) -> tuple[F64, F64]:
-    """Rotation (3, 3) and origin (3,) of one surface's frame, by the tips (m, 3) that touch it.
+    """Return rotation (3, 3) and origin (3,) of one surface's frame, by tips (m, 3) on it.
 
     A plane passes through the points of its placement's first target, seen from outside.
     """
@@ -166,8 +179,10 @@ def _fit_frame(observations: Observations, rows: I64, points: F64) -> tuple[F64,
 
 
 def _fit_axis(points: F64) -> tuple[F64, F64]:
-    """A point (3,) and the direction (3,) of a cylinder's axis; of points that do not determine
-    one, some line among them."""
+    """Return a point (3,) and the direction (3,) of a cylinder's axis.
+
+    If the points do not determine an axis, it is a line among them.
+    """
     try:
         feature = fit_feature("cylinder", points)
     except ArithmeticError:
@@ -178,6 +193,6 @@ def _fit_axis(points: F64) -> tuple[F64, F64]:
 
 
 def _make_upright(z: F64) -> F64:
-    """A rotation (3, 3) whose third column is *z*."""
+    """Return a rotation (3, 3) whose third column is *z*."""
     first_axis, second_axis = find_across(z)
     return np.stack([first_axis, second_axis, z], axis=1)

@@ -1,4 +1,4 @@
-"""What an identification asks for: some constants, and coefficients of some terms."""
+"""The unknowns of an identification: some constants, and coefficients of some terms."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from armd.compensation.model.terms import Term
 
 #: A term is plausible up to this share of its parameter's plausible departure (rms of its basis).
 PLAUSIBLE_TERM = 0.1
-#: Where a reflector sits, no drawing knows: so far from the tip it may be.
+#: No drawing gives a reflector's position: it may be so far from the tip.
 PLAUSIBLE_REFLECTOR_MM = 100.0
-#: Before a reflector's name, that of the sensor that is 1 in its readings and 0 in all others.
+#: Prefix of a reflector's indicator, a sensor that is 1 in its readings and 0 in all others.
 INDICATOR = "reflector "
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What is asked for: some constants by name, some terms by index."""
+    """The unknowns: some constants by name, some terms by index."""
 
     constants: Sequence[str]
     terms: Sequence[int] = ()
 
     @property
     def names(self) -> list[str]:
-        """As `covariance_of` in a calibration has it: names, then "term I"."""
+        """The names as in `covariance_of` of a calibration: constants, then "term I"."""
         return [*self.constants, *(f"term {i}" for i in self.terms)]
 
     def words(self, terms: Sequence[Term]) -> list[str]:
-        """As a person reads them: a term by its parameter and basis."""
+        """Return the names for a person to read: a term by its parameter and basis."""
         return [*self.constants, *(describe_term(terms[i]) for i in self.terms)]
 
     def values(self, constants: F64, terms: Sequence[Term]) -> F64:
-        """(C,) where the unknowns stand in constants (P,) and terms."""
+        """Return the values (C,) of the unknowns in constants (P,) and terms."""
         coefficients = [terms[i].coefficient for i in self.terms]
         return np.concatenate([constants[self._indices(constants)], coefficients])
 
     def put(self, x: F64, constants: F64, terms: Sequence[Term]) -> tuple[F64, list[Term]]:
-        """Constants and terms with the unknowns (C,) in their places."""
+        """Return constants and terms with the values (C,) of the unknowns inserted."""
         constants, terms = constants.copy(), list(terms)
         indices = self._indices(constants)
         constants[indices] = x[: len(indices)]
@@ -53,13 +53,14 @@ class Unknowns:
         return constants, terms
 
     def columns(self, jacobian: F64, basis: F64, terms: Sequence[Term]) -> F64:
-        """d tip / d unknown (n, 3, C), from d tip / d parameter (n, 3, P) and basis values (n, T).
+        """Return d tip / d unknown (n, 3, C), from d tip / d parameter and basis values.
 
-        Zero for θ₁ and d₁: moving the whole arm about its first axis moves every placement alike.
+        These are (n, 3, P) and (n, T). Zero for θ₁ and d₁: moving the whole arm about its first
+        axis moves every placement alike.
         """
         layout = ParameterLayout.from_count(jacobian.shape[2])
         names = [*self.constants, *(terms[i].parameter for i in self.terms)]
-        # Row by row in memory, as the readings are asked for; an index would put columns first.
+        # Row by row in memory, as readings are accessed; an index would put columns first.
         columns: F64 = np.take(jacobian, np.array(layout.indices(names), dtype=np.int64), axis=2)
         columns[:, :, len(self.constants) :] *= basis[:, None, list(self.terms)]
         is_placing = [name in ("theta_1", "d_1") for name in self.constants]
@@ -67,7 +68,7 @@ class Unknowns:
         return columns
 
     def get_plausible(self, terms: Sequence[Term], basis: F64) -> F64:
-        """Plausible departures (C,) in each unknown's own unit."""
+        """Return plausible departures (C,) in each unknown's own unit."""
         sizes = [PLAUSIBLE[parameters.find_unit(name)] for name in self.constants]
         for i in self.terms:
             typical = float(np.sqrt(np.mean(basis[:, i] ** 2)))
@@ -83,18 +84,18 @@ class Unknowns:
 
 
 def is_indicator(sensor: str) -> bool:
-    """Whether a sensor says of each reading whether it is of one reflector."""
+    """Return whether a sensor is the indicator of a reflector's readings."""
     return sensor.startswith(INDICATOR)
 
 
 def is_of_reflector(term: Term) -> bool:
-    """Whether a term is the place of a reflector."""
+    """Return whether a term is the position of a reflector."""
     factors = (f for f in term.basis if isinstance(f, Temperature))
     return any(is_indicator(sensor) for factor in factors for sensor in factor.weights)
 
 
 def describe_term(term: Term) -> str:
-    """A term as a person reads it: d_2·ΔT²(t2), or tip_x of reflector A."""
+    """Describe a term for a person: d_2·ΔT²(t2), or tip_x of reflector A."""
     if is_of_reflector(term):
         sensors = (s for f in term.basis if isinstance(f, Temperature) for s in f.weights)
         return f"{term.parameter} of {next(sensors)}"

@@ -1,1 +1,1 @@
-"""Geometric features through measured points: fitted by least squares, and related."""
+"""Geometric features fitted to measured points by least squares, and relations between them."""

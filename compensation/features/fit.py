@@ -1,9 +1,10 @@
-"""Point, line, plane, circle, sphere and cylinder through points: least orthogonal distances.
+"""Fit point, line, plane, circle, sphere and cylinder to points by least orthogonal distances.
 
-The Gaussian features of coordinate metrology (Forbes, NPL DITC 140/89; Shakarji, J. Res. NIST 103,
-1998): the sum of squared orthogonal distances is least, every point counts alike. The parameters'
-covariance comes from the points' own, taken as independent of each other, through the fit's
-Jacobian (GUM, law of propagation); where a point's is not known, from the residuals' scatter.
+These are the Gaussian features of coordinate metrology (Forbes, NPL DITC 140/89; Shakarji, J. Res.
+NIST 103, 1998): the sum of squared orthogonal distances is least, and every point has equal weight.
+The parameters' covariance is propagated from the points' covariances, taken as independent, through
+the fit's Jacobian (GUM, law of propagation). Where a point's covariance is not known, it comes from
+the residuals' scatter.
 """
 
 from __future__ import annotations
@@ -21,20 +22,20 @@ from armd.compensation.features.starts import STARTS
 
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 
-#: Points without which a shape is not determined.
+#: The least points that determine a shape.
 LEAST: dict[Shape, int] = {
     "point": 1, "line": 2, "plane": 3, "circle": 3, "sphere": 4, "cylinder": 5,
 }  # fmt: skip
-#: A direction of the parameters known so much worse than the best one is not told by the points.
+#: If a direction of the parameters is worse known by this factor, the points do not determine it.
 SINGULAR = 1e-9
 
 
 @dataclass(frozen=True)
 class Feature:
-    """A fitted shape; lengths in mm, base frame or whatever the points were in."""
+    """A fitted shape; lengths in mm, in the frame of the points."""
 
     shape: Shape
-    point_mm: F64  # (3,) on it: a centre, or nearest to the points' mean
+    point_mm: F64  # (3,) on it: a centre, or the point nearest to the points' mean
     direction: F64 | None  # (3,) unit vector: along a line or axis, normal to a plane or circle
     radius_mm: float | None
     covariance: F64 | None  # (7, 7) of point, direction, radius; None: not known
@@ -69,7 +70,7 @@ class Feature:
 
 
 def fit(shape: Shape, points_mm: F64, covariance_mm2: F64 | None = None) -> Feature:
-    """The feature through points (n, 3), with their covariances (n, 3, 3) where these are known.
+    """Fit a feature to points (n, 3), with their covariances (n, 3, 3) where these are known.
 
     Raises `ArithmeticError` for too few points, or points that do not determine the shape.
     """
@@ -99,16 +100,16 @@ def fit(shape: Shape, points_mm: F64, covariance_mm2: F64 | None = None) -> Feat
 
 
 def _residuals(shape: Shape, x: F64, start: Start, u: F64) -> F64:
-    """All in a row, of the start moved by *u*."""
+    """Return all residuals, flattened, of the start moved by *u*."""
     return FREE[shape].residuals(x, move_shape(shape, start, u)).ravel()
 
 
 def _described(
     shape: Shape, x: F64, optimum: Start, middle: F64, size: float, covariance_mm2: F64 | None
 ) -> Feature:
-    """The feature at its optimum, in millimetres, with its covariance."""
+    """Return the feature at its optimum, in millimetres, with its covariance."""
     free = FREE[shape]
-    if shape in ("line", "plane", "cylinder"):  # of all its points the one nearest the mean
+    if shape in ("line", "plane", "cylinder"):  # the point nearest the mean
         along = optimum.direction if shape != "plane" else None
         foot = optimum.point if along is None else optimum.point - along * (along @ optimum.point)
         if along is None:
@@ -149,7 +150,7 @@ def _described(
 
 
 def _slope(shape: Shape, x: F64, optimum: Start) -> F64:
-    """Derivatives of the residuals (n·each, count) by the free parameters."""
+    """Compute derivatives of the residuals (n·each, count) by the free parameters."""
     count, step = FREE[shape].count, 1e-6
     columns = []
     for i in range(count):
@@ -161,7 +162,7 @@ def _slope(shape: Shape, x: F64, optimum: Start) -> F64:
 
 
 def _change(shape: Shape, optimum: Start) -> F64:
-    """Derivatives (7, count) of point, direction and radius by the free parameters."""
+    """Compute derivatives (7, count) of point, direction and radius by the free parameters."""
     count, step = FREE[shape].count, 1e-6
     columns = []
     for i in range(count):
@@ -171,7 +172,7 @@ def _change(shape: Shape, optimum: Start) -> F64:
     return np.stack(columns, axis=1)
 
 
-#: Dimensions in which the points must extend.
+#: The dimensions in which the points must extend.
 _EXTENT: dict[Shape, int] = {"line": 1, "plane": 2, "circle": 2, "sphere": 3, "cylinder": 3}
 
 

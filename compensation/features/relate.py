@@ -1,4 +1,4 @@
-"""Distance and angle between two features, with the uncertainty that theirs gives."""
+"""Distance and angle between two features, with their propagated uncertainty."""
 
 from __future__ import annotations
 
@@ -10,26 +10,27 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.features.fit import Feature
 
-#: Directions closer to parallel than this have no one nearest point between them.
+#: Directions closer to parallel than this have no unique nearest point between them.
 PARALLEL = 1e-9
 
 
 class Relation(NamedTuple):
     value: float  # mm, or degrees
-    standard_uncertainty: float | None  # likewise; None: not known
+    standard_uncertainty: float | None  # in the same unit; None: not known
 
 
 def compute_distance(first: Feature, second: Feature) -> Relation:
-    """In mm: between centres, from a centre to a line, axis or plane square to it, between two
-    lines or axes where they are nearest, and from the second plane's point to the first plane.
+    """Compute the distance of two features in mm.
 
+    It is measured between centres; from a centre perpendicular to a line, axis or plane; between
+    two lines or axes where they are nearest; and from the second plane's point to the first plane.
     Circles and spheres count as their centres, cylinders as their axes.
     """
     return _relation(first, second, _distance, 1.0)
 
 
 def compute_angle(first: Feature, second: Feature) -> Relation:
-    """In degrees, 0 to 90: between lines, axes, planes and the planes of circles.
+    """Compute the angle in degrees, 0 to 90, between lines, axes, planes and the planes of circles.
 
     Raises `ArithmeticError` for a point or a sphere, which has no direction.
     """
@@ -66,7 +67,7 @@ def _from_line(across: F64, along: F64) -> float:
 
 
 def _angle(first: Feature, second: Feature, a: F64, b: F64) -> float:
-    """rad."""
+    """Return the angle in rad."""
     u, v = a[3:6], b[3:6]
     between = float(np.arctan2(np.linalg.norm(np.cross(u, v)), abs(u @ v)))
     return np.pi / 2 - between if _is_plane(first) != _is_plane(second) else between

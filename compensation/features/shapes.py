@@ -1,4 +1,4 @@
-"""The shapes: their residuals, what these follow, and their form."""
+"""The shapes: their residuals, the residuals' gradients, and their form error."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Shape = Literal["point", "line", "plane", "circle", "sphere", "cylinder"]
 
 
 class Start(NamedTuple):
-    """Where a fit begins: a point, a direction, a radius, in centred and scaled coordinates."""
+    """The start of a fit: a point, a direction, a radius, in centred and scaled coordinates."""
 
     point: F64
     direction: F64
@@ -22,7 +22,7 @@ class Start(NamedTuple):
 
 
 def find_across(direction: F64) -> tuple[F64, F64]:
-    """Two unit vectors square to a direction and to each other."""
+    """Return two unit vectors perpendicular to a direction and to each other."""
     smallest_axis = np.eye(3)[int(np.argmin(np.abs(direction)))]
     normal = np.cross(direction, smallest_axis)
     normal /= np.linalg.norm(normal)
@@ -30,7 +30,7 @@ def find_across(direction: F64) -> tuple[F64, F64]:
 
 
 def move_shape(shape: Shape, start: Start, u: F64) -> Start:
-    """The shape moved by its free parameters *u*: along itself nothing changes."""
+    """Move the shape by its free parameters *u*, which contain no motion along itself."""
     e1, e2 = find_across(start.direction)
     d = start.direction
     match shape:
@@ -56,7 +56,7 @@ def _away(x: F64, start: Start) -> F64:
 
 
 def _radial(x: F64, start: Start) -> tuple[F64, F64]:
-    """Distance (n,) from the axis, and unit vectors (n, 3) from it."""
+    """Return the distance (n,) from the axis, and unit vectors (n, 3) away from it."""
     away = _away(x, start)
     perpendicular = away - np.outer(away @ start.direction, start.direction)
     distance = np.linalg.norm(perpendicular, axis=1)
@@ -95,17 +95,19 @@ def _circle_gradient(x: F64, start: Start) -> F64:
 
 
 def _same(rows: Callable[[Start], F64]) -> Callable[[F64, Start], F64]:
-    """A gradient (each, 3) that is the same at every point."""
+    """Return a gradient (each, 3) that is equal at every point."""
     return lambda x, start: np.tile(rows(start), (len(x), 1, 1))
 
 
 def _spread(residual: F64) -> tuple[F64, float]:
-    """Signed distances: farthest out minus farthest in."""
+    """Return signed distances, and their range as form error."""
     return residual[:, 0], float(np.ptp(residual[:, 0]))
 
 
 def _around(residual: F64) -> tuple[F64, float]:
-    """Distances from a line: the diameter of the cylinder about it that holds the points."""
+    """Return distances from a line, and the diameter of the cylinder about it that holds the
+    points.
+    """
     distance = np.linalg.norm(residual, axis=1)
     return distance, 2 * float(distance.max())
 
@@ -116,14 +118,14 @@ def _largest(residual: F64) -> tuple[F64, float]:
 
 
 def _ring(residual: F64) -> tuple[F64, float]:
-    """Of a circle: the radial and the axial spread, the larger one."""
+    """Return distances from a circle, and the larger of the radial and the axial spread."""
     form = float(np.ptp(residual, axis=0).max())
     return np.linalg.norm(residual, axis=1), form
 
 
 @dataclass(frozen=True)
 class ShapeFit:
-    """What a shape's fit is made of."""
+    """The parameter count and the functions that define the fit of a shape."""
 
     count: int  # free parameters
     residuals_per_point: int  # residuals of a point

@@ -1,4 +1,4 @@
-"""Where the fits of shapes begin."""
+"""Starting values for the fits of shapes."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from armd.arrays import F64
 from armd.compensation.features.algebraic import fit_algebraic_sphere
 from armd.compensation.features.shapes import Shape, Start, find_across
 
-#: Directions all over the half sphere from which a cylinder's axis is looked for. Starts within
-#: about 15° of the axis converge; 120 directions leave no gap wider than that.
+#: Directions over the half sphere that are tried for a cylinder's axis. Starts within about 15° of
+#: the axis converge; 120 directions leave no wider gap.
 AXES = 120
 
 REFINED = 4
 
 
 def _principal(x: F64) -> F64:
-    """Unit vectors (3, 3), rows, the direction of the largest extent first; *x* is centred."""
+    """Return unit vectors (3, 3) as rows, that of the largest extent first; *x* is centred."""
     vectors: F64 = np.linalg.svd(x, full_matrices=True)[2]
     return vectors
 
 
 def _flat_circle(x: F64, normal: F64) -> tuple[Start, float]:
-    """The circle through points seen along *normal*, and its mean square."""
+    """Fit a circle to points seen along *normal*; also return its mean square."""
     e1, e2 = find_across(normal)
     flat = np.stack([x @ e1, x @ e2], axis=1)
     (c1, c2), radius = fit_algebraic_sphere(flat)
@@ -38,7 +38,7 @@ def _start_sphere(x: F64) -> list[Start]:
 
 
 def _start_cylinder(x: F64) -> list[Start]:
-    """From the directions in which the points look most like a circle."""
+    """Return starts along the directions in which the points look most like a circle."""
     i = np.arange(AXES) + 0.5
     up, around = i / AXES, np.pi * (1 + np.sqrt(5.0)) * i  # a spiral over the half sphere
     level = np.sqrt(1 - up**2)

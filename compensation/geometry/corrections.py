@@ -1,8 +1,9 @@
-"""A geometry as rows of Denavit–Hartenberg parameters beside the nominal ones, both conventions.
+"""A geometry as Denavit–Hartenberg parameters with the nominal ones, in both conventions.
 
 Standard is arm.toml's A = Rz(θ)·Tz(d)·Tx(a)·Rx(α)·Ry(β). Modified is Rx(α)·Tx(a)·Ry(β)·Rz(θ)·Tz(d)
-(Craig 1986): row k has α, a and β of the joint before, θ and d of its own. Tx(a) and Rx(α) commute,
-as Rz(θ) and Tz(d) do, so that both are one product; a row N + 1 has what follows the last joint.
+(Craig 1986): row k has α, a and β of the joint before, θ and d of its own joint. Tx(a) and Rx(α)
+commute, and Rz(θ) and Tz(d) do, so both conventions give one product. A row N + 1 has what follows
+the last joint.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ from armd.compensation.model.parameters import BASE_PARAMETERS, TIP_PARAMETERS, 
 STANDARD = ("theta", "d", "a", "alpha", "beta")
 MODIFIED = ("alpha", "a", "beta", "theta", "d")
 OF_JOINT_BEFORE = ("alpha", "a", "beta")
-#: mm² and rad²: what rounding leaves in the covariance of a parameter that was held.
+#: mm² and rad²: the rounding error in the covariance of a fixed parameter.
 ROUNDING = 1e-24
 
 
 @dataclass(frozen=True)
 class Correction:
-    """One parameter: as drawn, as calibrated, and how well it is known; degrees or mm."""
+    """One parameter: nominal, calibrated, and its uncertainty; degrees or mm."""
 
     convention: str  # "standard", "modified"; "both" of the tip and the base
     joint: int | str
@@ -44,7 +45,7 @@ class Correction:
 def list_corrections(
     arm: Arm, calibration: Calibration | None, geometry: Geometry
 ) -> list[Correction]:
-    """All rows: standard, modified, then the tip's and the base's."""
+    """List all rows: standard, modified, then the tip's and the base's."""
     table = _CorrectionRows(
         arm, geometry.parameters, _deviations(arm, calibration, geometry.celsius)
     )
@@ -72,7 +73,9 @@ class _CorrectionRows:
                 yield self.row("modified", k, name, source)
 
     def row(self, convention: str, joint: int | str, name: str, source: str | None) -> Correction:
-        """*source* is the parameter's name in the model; None: it is 0 by the convention."""
+        """Return one row; *source* is the parameter's name in the model, or None if it is 0 by
+        convention.
+        """
         named = f"{name}_{'deg' if find_unit(source or f'{name}_1') == 'rad' else 'mm'}"
         if source is None:
             return Correction(convention, joint, named, 0.0, 0.0, 0.0, None)
@@ -88,7 +91,7 @@ class _CorrectionRows:
 
 
 def _as_drawn(arm: Arm, source: str, value: float) -> float:
-    """Degrees as arm.toml writes them: not by way of radians, which rounds."""
+    """Return degrees as arm.toml writes them, because conversion through radians rounds."""
     name, _, number = source.partition("_")
     if name in ("theta", "alpha", "beta"):
         return float(getattr(arm.joint[int(number) - 1], f"{name}_deg"))
@@ -96,8 +99,11 @@ def _as_drawn(arm: Arm, source: str, value: float) -> float:
 
 
 def _deviations(arm: Arm, calibration: Calibration | None, celsius: float) -> dict[str, float]:
-    """Standard uncertainties by parameter, mm and rad, of constant and terms of temperature at
-    *celsius*; only of what the calibration's covariance knows."""
+    """Return standard uncertainties by parameter, mm and rad, at *celsius*.
+
+    They are of the constant and its terms of temperature, and only of parameters in the
+    calibration's covariance.
+    """
     if calibration is None or not calibration.covariance_of:
         return {}
     covariance = np.array(calibration.covariance)

@@ -1,8 +1,8 @@
-"""The geometry of a calibrated arm at one temperature, and what of the calibration it leaves out.
+"""The geometry of a calibrated arm at one temperature, and the effects that it omits.
 
-Terms of temperature and time alone are constants at one temperature: the geometry holds them. For
-terms that depend on the pose, the geometry is the one whose tip is nearest to the corrected one,
-in the mean square over postures within the limits; the base keeps its place.
+Terms of temperature and time alone are constant at one temperature, so the geometry contains them.
+If terms depend on the pose, the geometry is the one whose tip is nearest to the corrected tip, in
+the mean square over postures within the limits. The base keeps its place.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from armd.compensation.model.terms import Term
 
-#: Postures of the fit, and further ones that judge it.
+#: Postures of the fit, and further postures that test it.
 FITTED, JUDGED = 4000, 10_000
-#: Departures alike at the tip: columns of the fit are scaled by them.
+#: Departures of about equal effect at the tip: the fit's columns are scaled by them.
 SCALE = {True: 1.0, False: 1e-3}  # mm; rad
-#: Of singular values: below it a direction moves no tip, and stays where it was.
+#: A direction with a smaller singular value, relative to the largest, moves no tip and is kept.
 RANK = 1e-9
 MOST_STEPS = 20
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Between two models at the tip, over postures within the limits."""
+    """The difference of two models at the tip, over postures within the limits."""
 
     rms_mm: float
     max_mm: float
@@ -39,19 +39,19 @@ class Difference:
 
 @dataclass(frozen=True)
 class Geometry:
-    """Parameters without terms, and what they leave out."""
+    """Parameters without terms, and the difference that the omitted terms make."""
 
     parameters: F64  # (P,)
     celsius: float  # all sensors
     left_out: Difference  # at this temperature
-    terms: list[Term]  # those left out
-    #: the tip's way to the ends of the calibration's temperatures; None: not thermal
+    terms: list[Term]  # the omitted terms
+    #: the tip's motion from here to the limits of the calibration's temperatures; None: not thermal
     by_temperature: Difference | None = None
     range_c: tuple[float, float] | None = None
 
 
 def compute_geometry(arm: Arm, calibration: Calibration | None, celsius: float | None) -> Geometry:
-    """The best geometry with all sensors at *celsius*; without it at the reference temperature."""
+    """Compute the best geometry with all sensors at *celsius*, or at the reference temperature."""
     none = Difference(0.0, 0.0)
     if calibration is None:
         reference_c = arm.reference_temperature_c
@@ -77,7 +77,7 @@ def compute_geometry(arm: Arm, calibration: Calibration | None, celsius: float |
 
 
 def fold_terms(arm: Arm, calibration: Calibration, slow: list[Term], celsius: float) -> F64:
-    """Parameters (P,): constants and what *slow* terms add with all sensors at one temperature."""
+    """Return parameters (P,): constants plus *slow* terms with all sensors at one temperature."""
     constants = calibration.vector(arm.n_joints)
     state = make_states(np.zeros((1, arm.n_joints)), arm, celsius, calibration, 0)
     values = compute_basis_values(slow, state, arm, calibration.reference_temperature_c, constants)
@@ -90,7 +90,7 @@ def _is_thermal(term: Term) -> bool:
 
 
 def _fit(arm: Arm, calibration: Calibration, start: F64, celsius: float) -> F64:
-    """Gauss–Newton from *start*; directions that move no tip stay."""
+    """Fit the geometry by Gauss–Newton from *start*; directions that move no tip are kept."""
     layout = arm.layout
     free = layout.indices(list_free_constants(arm))
     scale = np.array([SCALE[bool(layout.are_lengths[i])] for i in free])
@@ -114,7 +114,7 @@ def _difference(arm: Arm, calibration: Calibration, parameters: F64, celsius: fl
 def _corrected(
     arm: Arm, calibration: Calibration, celsius: float, n: int, seed: int
 ) -> tuple[F64, F64]:
-    """Postures (n, N) and where the whole calibration has the tip there (n, 3)."""
+    """Return postures (n, N) and the tips (n, 3) of the whole calibration in them."""
     q = draw_postures(arm, n, seed)
     states = make_states(q, arm, celsius, calibration, seed)
     constants, reference_c = calibration.vector(arm.n_joints), calibration.reference_temperature_c

@@ -1,4 +1,4 @@
-"""Postures all over an arm's limits, in a state of which only the temperature is known."""
+"""Random postures within an arm's limits, in a state of which only the temperature is known."""
 
 from __future__ import annotations
 
@@ -11,20 +11,22 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.state import States
 
-#: rad/s: its sign is a side of approach, and what grows with the rate stays nothing.
+#: rad/s: so slow that only its sign, the side of approach, has an effect.
 CREEP_RAD_S = 1e-12
 
 
 def draw_postures(arm: Arm, n: int, seed: int) -> F64:
-    """Angles (n, N) rad, uniform within the limits; without limits half a turn either way."""
+    """Draw angles (n, N) rad, uniform within the limits; without limits half a turn either way."""
     low, high = arm.range_rad
     drawn: F64 = np.random.default_rng(seed).uniform(low, high, (n, arm.n_joints))
     return drawn
 
 
 def make_states(q: F64, arm: Arm, celsius: float, calibration: Calibration, seed: int) -> States:
-    """These postures (n, N) at rest, all sensors at one temperature, when the calibration was
-    made; each from a drawn side and direction of approach."""
+    """Make states of postures *q* (n, N) at rest, all sensors at one temperature.
+
+    The time is when the calibration was made; sides and directions of approach are random.
+    """
     rng = np.random.default_rng(seed)
     n = len(q)
     approach = rng.normal(size=(n, 3))

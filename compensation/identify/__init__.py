@@ -1,1 +1,1 @@
-"""From measured sessions to constants and coefficients: least squares, rank, uncertainty."""
+"""Identify constants and coefficients from sessions: least squares, rank, uncertainty."""

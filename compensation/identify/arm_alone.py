@@ -1,4 +1,4 @@
-"""What the readings say of the arm alone, around a linearisation."""
+"""The linear problem of the arm's unknowns alone, around a linearisation."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ NONE = np.empty(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class ArmAlone:
-    """The linear problem of unknowns with columns (n, 3, C) mm around a linearisation, placements
-    and free targets fitted along.
+    """The linear problem of C unknowns, with placements and free targets eliminated.
 
-    *whitening* (n, 3, 3): W with WᵀW the inverse covariance of a reading, per mm². A certified
-    length without uncertainty counts as good to *length_floor_mm*. *full_problem*: the same where
-    other readings weigh something, too; what it found of the sessions that weigh alike holds here.
+    *columns* (n, 3, C) mm are derivatives at the linearisation. *whitening* (n, 3, 3): W with WᵀW
+    the inverse covariance of a reading, per mm². A certified length without uncertainty gets
+    *length_floor_mm* as its uncertainty. *full_problem* is the same problem in which other readings
+    have a weight, too; its results are reused for sessions with equal weights.
     """
 
     linearisation: Linearisation
@@ -41,8 +41,11 @@ class ArmAlone:
         along_all: bool = False,
         chosen: I64 | slice = slice(None),
     ) -> Solution:
-        """The step of the *chosen* unknowns, all by default, that leans on the drawing: that lies
-        *pull* away and is good to *scale*, as `LinearModel.solve_with_prior` has it."""
+        """Solve for the step of the *chosen* unknowns (all by default) with a nominal prior.
+
+        The nominal values lie *pull* away, and *scale* is the plausible departure from them; see
+        `LinearModel.solve_with_prior`.
+        """
         numbers = np.arange(self.columns.shape[2])[chosen]
         model = self._placements.reduced_model
         arm = replace(model.only(numbers), nominal_variance=scale**2)
@@ -50,17 +53,19 @@ class ArmAlone:
 
     @property
     def rank(self) -> int:
-        """Degrees of freedom that placements and targets took."""
+        """The degrees of freedom that placements and targets took."""
         return self._placements.rank
 
     @property
     def n_certified(self) -> int:
-        """Rows of what is certified about free targets."""
+        """The number of rows of certified positions and lengths of free targets."""
         return sum(len(missed) for _, missed in self._certified_by_session.values())
 
     def certified_entries(self) -> I64:
-        """(E, 2) what each row of what is certified is: the certificate's entry, and 0, 1, 2 for
-        an axis of a position, 3 for a distance."""
+        """Return for each certified row (E, 2) its entry in the certificate and its kind.
+
+        The kind is 0, 1, 2 for an axis of a position, and 3 for a distance.
+        """
         observations = self.linearisation.observations
         entries = []
         for session in observations.rows_by_session:
@@ -73,8 +78,10 @@ class ArmAlone:
         return np.vstack(entries)
 
     def certified_rows(self) -> F64:
-        """(E, C) how these rows, whitened, answer the unknowns, placements and targets fitted
-        along."""
+        """Return the derivatives (E, C) of the whitened certified rows by the unknowns.
+
+        Placements and targets are fitted along.
+        """
         return np.vstack(
             [
                 rows @ self._placements.compute_shifting(session)[:, :-1]
@@ -84,32 +91,40 @@ class ArmAlone:
 
     @cached_property
     def cost(self) -> float:
-        """Sum of squares of all whitened residuals where the linearisation stands."""
+        """The sum of squares of all whitened residuals at the linearisation."""
         whitened = np.einsum("nij,nj->ni", self.whitening, self.linearisation.residual_mm)
         missed = [missed for _, missed in self._certified_by_session.values()]
         return float(np.sum(whitened**2) + np.sum(np.concatenate(missed) ** 2))
 
     @property
     def clear_cost(self) -> float:
-        """The same with placements and targets at their best, wherever they stand: half its slope
-        is what `solve` finds a step by."""
+        """The cost with placements and targets at their optimum.
+
+        Half its slope is the right-hand side from which `solve` computes a step.
+        """
         return float(self._placements.reduced_model.gram[-1, -1])
 
     def clear_cost_of(self, residual_mm: F64, poses: Poses) -> float:
-        """The same of other residuals (n, 3), with *poses* near by."""
+        """Return `clear_cost` of other residuals (n, 3), with *poses* near the linearisation's."""
         moved = replace(self.linearisation, residual_mm=residual_mm, poses=poses)
         return replace(
             self, linearisation=moved, columns=self.columns[:, :, :0], full_problem=None
         ).clear_cost
 
     def follow(self, step: F64, session_numbers: I64 | None = None) -> tuple[F64, F64]:
-        """Twists (p, 6) and target shifts (K, 3) that answer a *step* (C,) of the unknowns: least
-        squares, of minimum norm; 0 for all but *session_numbers*, if given."""
+        """Return twists (p, 6) and target shifts (K, 3) that follow a *step* (C,) of the unknowns.
+
+        They are the least-squares solution of minimum norm; 0 for all sessions but
+        *session_numbers*, if given.
+        """
         return self._placements.follow(np.append(step, 1.0), session_numbers)
 
     def compute_residual_share(self, root: F64) -> F64:
-        """(n, 3, 3) I − H of each whitened reading, H by how much it pulls its own fit, the
-        unknowns' covariance being *root* (C, r) times its transpose."""
+        """Compute I − H (n, 3, 3) of each whitened reading.
+
+        H is the share by which a reading pulls its own fit. The unknowns' covariance is *root* (C,
+        r) times its transpose.
+        """
         return self._placements.compute_residual_share(
             np.vstack([root, np.zeros((1, root.shape[1]))])
         )
@@ -123,16 +138,18 @@ class ArmAlone:
             self.linearisation.free_targets,
             (self.columns, self.linearisation.residual_mm[:, :, None]),
             self.whitening,
-            # Nothing that leads back here: Python would keep all these arrays until it looks for
-            # circles, which it hardly does for arrays.
+            # A function that holds no reference to this object: with a reference cycle, Python
+            # would keep all these arrays until its collector runs, which arrays hardly trigger.
             self._certified_by_session.__getitem__,
             self.full_problem._placements if self.full_problem else None,
         )
 
     @cached_property
     def _certified_by_session(self) -> dict[int, tuple[F64, F64]]:
-        """Of each session with readings: rows (E, 3 K), whitened, of what is certified about its K
-        free targets, and by how much it is missed (E,)."""
+        """The certified rows (E, 3 K) of each session, and their misses (E,).
+
+        Both are whitened; the rows are derivatives by the session's K free targets.
+        """
         return {
             session: self._certified(session)
             for session in self.linearisation.observations.rows_by_session
@@ -146,14 +163,13 @@ class ArmAlone:
         return group_targets(self.linearisation.observations, self.linearisation.free_targets)
 
     def _certificate_of(self, session: int) -> tuple[I64, I64]:
-        """Which of a session's free targets, by their place among these, and which distances have
-        rows of a certificate."""
+        """Return which free targets (by index) and which distances of a session are certified."""
         is_certified = ~self.linearisation.observations.unknown[self._targets_of(session)]
         return np.flatnonzero(is_certified), self._distances_by_session.get(session, NONE)
 
     @cached_property
     def _distances_by_session(self) -> dict[int, I64]:
-        """Distances, of two targets apart from each other, that move with a free one."""
+        """The distances, between targets that do not coincide, that move with a free target."""
         observations = self.linearisation.observations
         between = observations.distances.between
         if not len(between):
@@ -185,7 +201,7 @@ class ArmAlone:
         return rows, np.concatenate(missed)
 
     def _certified_lengths(self, targets: I64, numbers: I64) -> tuple[F64, F64]:
-        """Rows (D, 3 K) and misses (D,) of the distances *numbers* (D,) between K *targets*."""
+        """Return rows (D, 3 K) and misses (D,) of the distances *numbers* (D,) of K *targets*."""
         distances = self.linearisation.observations.distances
         lengths_mm, directions = self._lengths
         uncertain = np.maximum(distances.standard_uncertainty_mm, self.length_floor_mm)[numbers]

@@ -1,4 +1,4 @@
-"""From sessions to a calibration: geometry, thermal model, noise, uncertainty, and what is left."""
+"""Calibrate an arm from sessions: geometry, thermal model, noise, uncertainty, and residuals."""
 
 from __future__ import annotations
 
@@ -67,15 +67,15 @@ ThermalMethod = Literal["polynomial", "zones", "components", "per-temperature"]
 
 @dataclass(frozen=True)
 class Options:
-    """How to calibrate; the defaults decide from the data."""
+    """The options of a calibration; with the defaults, the data decide."""
 
-    thermal_order: int | None = None  # None: chosen by the error on readings left out
-    compare: bool = True  # thermal models; without, the linear one wherever it can be told
-    judges_sessions: bool = True  # whether one that does not fit the others is looked for
+    thermal_order: int | None = None  # None: chosen by the held-out error
+    compare: bool = True  # thermal models; if not, the linear one is used where it is determined
+    judges_sessions: bool = True  # whether to search for a session that does not fit the others
     thermal_method: ThermalMethod = "polynomial"
-    offset: bool = False  # C of eq. 14, per temperature; in the other models it is in the constants
+    offset: bool = False  # C of eq. 14, per temperature; other models have it in the constants
     command: str = ""  # for the provenance
-    arm_file: str = "arm.toml"  # as a person types it
+    arm_file: str = "arm.toml"  # as a user types it
 
 
 def calibrate(
@@ -113,7 +113,7 @@ def _calibrate(
     require_some(observations, files)
     all_observations = add_orientations(observations)
     simple = not tips.terms and all_observations.n == observations.n
-    if simple:  # else nobody knows where each reading's tip is
+    if simple:  # else the tip of each reading is not known
         refuse_mistakes(sessions, observations)
     thermal = len(groups) > 1 and options.thermal_order != 0
     if thermal and not simple:
@@ -134,16 +134,16 @@ def _calibrate(
         else find_second_group(sessions, first)
     )
     if second:
-        inconsistent = None  # it explains that session's rows, too
+        inconsistent = None  # it also explains that session's rows
         if not is_plausible(first):
             raise second.refusal()
     if inconsistent:
         notes.append(inconsistent.in_words())
-    # A fit to many of them may lie so far off that the drawing tells more.
+    # A fit to many misnamed readings may be so wrong that the nominal model finds them better.
     if not is_plausible(first) and simple:
         refuse_misnamed(sessions, observations, AssumedModel.from_identification(first))
         refuse_misnamed(sessions, observations, AssumedModel.from_calibration(arm, None))
-    if not second:  # else it is what moves the links
+    if not second:  # else the second group is what moves the links
         require_plausible(first, str(inconsistent.path) if inconsistent else files)
     notes += report_misnamed(sessions, observations, AssumedModel.from_identification(first))
     trials: list[Trial] = []
@@ -182,7 +182,7 @@ def _calibrate(
     if not per_temperature:
         base = final if simple else final_whole
         folds, by = make_placement_folds(observations)
-        if not simple:  # an orientation is left out with its reading
+        if not simple:  # an orientation is held out together with its reading
             folds = [add_orientation_rows(observations, fold) for fold in folds]
         columns = base.unknowns.columns(
             base.linearisation.jacobian, base.linearisation.basis, base.terms
@@ -196,7 +196,8 @@ def _calibrate(
     evaluation = evaluate_model(observations, final.constants, terms, reference_c)
     rms_um = residual_rms_um(evaluation.residual_mm)
     lengths = evaluation.lengths
-    # Copies of one reading fit any drawing: where that misses by nothing, nothing helps.
+    # Copies of one reading fit any geometry: where the nominal model misses by nothing, nothing
+    # helps.
     share = heldout.rms_um / drawing_rms_um if drawing_rms_um else 1.0
     require_help(first, share, files, notes)
     gain = compute_orientation_gain(final_whole)
@@ -259,7 +260,7 @@ def _calibrate(
 
 
 def as_calibration(identification: Identification, provenance: dict[str, Any]) -> Calibration:
-    """A fit as the file the daemon runs."""
+    """Return a fit as the calibration that the daemon runs."""
     arm, states = identification.observations.arm, identification.observations.states
     ranges = {}
     for name, column in zip(arm.sensors, states.temperature_c.T, strict=True):
@@ -293,7 +294,7 @@ def _fit(
     progress: TellStep | None,
     start: Identification | None = None,
 ) -> Identification:
-    """Fit *unknown* constants, the reflectors' terms as far as they are free, and *terms*."""
+    """Fit *unknown* constants, the free terms of reflectors, and *terms*."""
     arm, n_tip_terms = observations.arm, len(tips.terms)
     unknowns = Unknowns(unknown, [*tips.free, *range(n_tip_terms, n_tip_terms + len(terms))])
     tip_terms = tips.terms if start is None else start.terms[:n_tip_terms]
@@ -316,7 +317,10 @@ def _choose_terms(
     options: Options,
     notes: list[str],
 ) -> tuple[int, list[Term]]:
-    """Thermal order and terms: as told, otherwise by the error on readings left out."""
+    """Choose thermal order and terms: as the options state, otherwise by the held-out error.
+
+    Raises `ArmdError` if a stated model needs more temperatures.
+    """
     if options.thermal_method != "polynomial":
         name = {"zones": "two zones", "components": "principal components"}[options.thermal_method]
         if name not in comparison.models:

@@ -1,4 +1,4 @@
-"""Whether an identification deserves to be vouched for, judged by readings that took no part."""
+"""Decide whether an identification gets a certificate, judged by held-out readings."""
 
 from __future__ import annotations
 
@@ -26,27 +26,28 @@ from armd.compensation.identify.heldout import (
 from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, choose_next_step
 from armd.terminal.counted import format_count
 
-#: What a granted one is, and what it is not.
+#: The kind of a granted certificate, and what it is not.
 KIND = "identification record, not an ISO 17025 certificate"
-#: A smaller arm scatters less: no scatter shows a wrong size.
+#: A smaller arm scatters less, so no scatter reveals a wrong size.
 NO_SCALE = (
     "no certified length determines the arm's size well enough: lengths are only as good as the"
     " drawing, and all of them may be wrong by the same share"
 )
-#: Readings left out must lose at least half of the error they have under the drawing,
+#: Held-out readings must lose at least half of the error that they have under the nominal geometry,
 MOST_LEFT = 0.5
-#: or miss by hardly more than one reading's noise: no calibration lowers that, and a right drawing
-#: misses by no more. Barely enough readings of a right drawing stay below in 59 of 60 draws.
+#: or miss by hardly more than the noise of one reading: no calibration lowers that, and a right
+#: nominal geometry misses by no more. With barely enough readings of a right one, 59 of 60 draws
+#: stay below.
 MOST_NOISE = 1.25
-#: Readings left out that miss by more than this are as unsure as a direction counted not known.
+#: A larger held-out miss is as uncertain as a direction that counts as not known.
 MOST_HELDOUT_MM = PLAUSIBLE["mm"] / LEAST_KNOWN
-#: Least rank, as a share of what ideal readings would give, to vouch for other postures.
+#: The least rank, as a share of that of ideal readings, to vouch for other postures.
 LEAST_RANK = 0.75
-#: No room that people measure in is colder or warmer.
+#: No room in which people measure is colder or warmer.
 POSSIBLE_C = (-10.0, 60.0)
-#: Nor do one arm's readings, or one reading's sensors, lie farther apart: 20 °C and 68 °F do.
+#: Nor do one arm's readings, or one reading's sensors, differ by more: 20 °C and 68 °F do.
 MOST_APART_K = 30.0
-#: As a report states it.
+#: The rule, as a report states it.
 RULE = (
     f"granted if the fit settled; readings left out miss by {100 * MOST_LEFT:g} % at most of what"
     " they miss by with the dimensions of the drawing and the tip that suits these readings, or"
@@ -62,17 +63,17 @@ RULE = (
 
 @dataclass(frozen=True)
 class Certificate:
-    """A verdict and why, in words."""
+    """A verdict and its reason, in words."""
 
     granted: bool
     reason: str
     kind: str = KIND
-    scale_known: bool = True  # a certified length or position says how large the arm is
-    next_step: str = ""  # of a refused one: what to do, with the command to type
+    scale_known: bool = True  # a certified length or position determines the arm's size
+    next_step: str = ""  # of a refused certificate: what to do, with the command to type
 
     @property
     def word(self) -> str:
-        """What came of it: a granted one never hides that nothing measured a length."""
+        """The verdict in a few words; "granted" always states if no length was measured."""
         if not self.granted:
             return "refused"
         return "granted" if self.scale_known else "granted, but not for lengths"
@@ -81,13 +82,13 @@ class Certificate:
         return f"{self.kind}: {self.word}: {self.why_and_next()}"
 
     def why_and_next(self) -> str:
-        """The reason, and where it is refused what to do next."""
+        """Return the reason, and for a refused certificate what to do next."""
         return f"{self.reason}. Next: {self.next_step}" if self.next_step else self.reason
 
 
 @dataclass(frozen=True)
 class Misses:
-    """What readings miss by, 3-D RMS."""
+    """The 3-D RMS misses of the readings under several models."""
 
     drawn_rms_um: float
     """Under the drawing."""
@@ -100,7 +101,7 @@ class Misses:
 
 @dataclass(frozen=True)
 class Suspects:
-    """What may be wrong with the readings, or with the drawing."""
+    """Possible faults of the readings or of the nominal geometry."""
 
     inconsistent_session: Path | None = None
     """The folder of one that does not fit the others."""
@@ -118,10 +119,10 @@ def judge(
     suspects: Suspects | None = None,
     files: CalibratedFiles | None = None,
 ) -> Certificate:
-    """Judge a calibration by what readings miss by that it did not see.
+    """Judge a calibration by the misses of held-out readings.
 
-    *identification* tells what is known: all constants, and the lengths' linear growth where
-    thermal. *files* are those that the next step names.
+    *identification* holds all constants, and with a thermal model the linear expansion of the
+    lengths. *files* are those that the next step names.
     """
     suspects = suspects or Suspects()
     drawn_rms_um, noise_rms_um = misses.drawn_rms_um, misses.noise_rms_um
@@ -217,8 +218,10 @@ def judge(
 def _describe_another_placement(
     observations: Observations, heldout: Errors, heldout_by: str
 ) -> str:
-    """What the certificate promises of a place where nothing was measured, where few were: not the
-    mean of these, but what another one of them stays below."""
+    """Describe the limit that another placement stays below, if few were measured.
+
+    It takes the place of the mean over these few placements, for places where nothing was measured.
+    """
     another_um = compute_another_placement_um(observations, heldout, heldout_by)
     if another_um is None:
         return ""
@@ -236,7 +239,10 @@ def _object_to_second_group(second: SecondGroup) -> Objection:
 
 
 def _object_to_too_few(observations: Observations) -> list[Objection]:
-    """Placements and readings. A tracker sees the arm everywhere: it needs no second placement."""
+    """List objections to too few placements or readings.
+
+    A tracker sees the arm everywhere, so it needs no second placement.
+    """
     faults = []
     placements = len(np.unique(observations.placement))
     if placements < LEAST_PLACEMENTS and not observations.has_truth.all():
@@ -258,7 +264,7 @@ def _object_to_too_few(observations: Observations) -> list[Objection]:
 
 
 def _object_to_temperatures(observations: Observations) -> list[Objection]:
-    """Sensors whose values no arm can have had, or not both: another unit, another arm."""
+    """List sensors with impossible values or ranges: another unit, another arm."""
     columns = [i for i, name in enumerate(observations.arm.sensors) if not is_indicator(name)]
     celsius = observations.states.temperature_c[:, columns]
     sensors = [observations.arm.sensors[i] for i in columns]

@@ -19,18 +19,18 @@ from armd.compensation.model.basis import compute_parameter_rows
 from armd.compensation.model.terms import Term
 
 MOST_STEPS = 40
-#: A step that promises less than this share of the cost may be judged by what it was made of:
-#: weights and adjusted angles held. How they follow is left out of the columns, and beside so small
-#: a promise that shows (docs/decisions/0023). One that promises more is judged with both following.
+#: A step that promises less than this share of the cost may be judged with weights and adjusted
+#: angles fixed. The columns do not contain how these follow, and beside so small a promise that
+#: matters (docs/decisions/0023). A larger step is judged with both following.
 NEAR = 0.01
-#: A step that promises less (χ²) and does not keep it is not tried again with damping: forty short
-#: ones would crawl towards what no figure shows.
+#: A step that promises less (χ²) and fails is not tried again with damping: forty short steps would
+#: change no figure.
 NOTHING = 1e-3
 
 
 @dataclass(frozen=True)
 class End:
-    """Where a descent came to rest."""
+    """The end of a descent."""
 
     x: F64
     linearisation: Linearisation
@@ -42,7 +42,7 @@ class End:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a descent stands."""
+    """The current point of a descent."""
 
     x: F64
     linearisation: Linearisation
@@ -51,7 +51,7 @@ class _Place:
 
 @dataclass
 class _Trial:
-    """Where a step leads; what it is there is found when it is asked for."""
+    """The point to which a step leads; it is linearised when needed."""
 
     descent: Descent
     x: F64
@@ -61,7 +61,7 @@ class _Trial:
 
     @cached_property
     def place(self) -> _Place:
-        """Linearised there."""
+        """The trial point, linearised."""
         return _Place(
             self.x, *self.descent.linearise(self.x, self.poses, self.floor_mm, self.with_prior)
         )
@@ -69,7 +69,7 @@ class _Trial:
 
 @dataclass(frozen=True)
 class Descent:
-    """One round: basis values and the noise of the angles are held while the unknowns move."""
+    """One round of a fit: basis values and the noise of the angles are fixed, the unknowns move."""
 
     observations: Observations
     constants: F64
@@ -77,12 +77,14 @@ class Descent:
     unknowns: Unknowns
     reference_c: float
     basis: F64
-    start: F64  # (C,) what unidentifiable directions stay near
+    start: F64  # (C,) values near which unidentifiable directions stay
     weighting: Weighting
 
     def run(self, x: F64, begun: Linearisation, floor_mm: float, with_prior: bool) -> End:
-        """Step until what a step would gain is nothing beside the noise; *begun*: at *x* (C,), with
-        poses to begin with."""
+        """Step until a further step would gain nothing compared with the noise.
+
+        *begun* is a linearisation at *x* (C,), with the poses to begin with.
+        """
         scale = self.unknowns.get_plausible(self.terms, self.basis)
 
         if self._refits_poses(with_prior):
@@ -108,8 +110,8 @@ class Descent:
                 trial = self._move(place, damped.step, floor_mm, with_prior)
                 better = self._is_better(place, trial, solution, with_prior)
                 if not better:
-                    # The way may bend, where a link turns with what hangs on it: a second step
-                    # from there comes back to the valley's floor.
+                    # The valley may be curved, where a link turns with what hangs on it: a second
+                    # step from the trial returns to its floor.
                     second_pull = self.start - trial.x
                     second = trial.place.arm_problem.solve(scale, second_pull, damping, with_prior)
                     trial = self._move(trial.place, second.step, floor_mm, with_prior)
@@ -125,7 +127,7 @@ class Descent:
         return End(place.x, place.linearisation, place.arm_problem, solution, steps, converged)
 
     def _move(self, place: _Place, step: F64, floor_mm: float, with_prior: bool) -> _Trial:
-        """After a step (C,) of the unknowns, placements and targets following."""
+        """Return the trial after a step (C,) of the unknowns; placements and targets follow."""
         twist, shift = place.arm_problem.follow(step)
         poses = place.linearisation.poses.moved(place.linearisation.centre_mm, twist, shift)
         return _Trial(self, place.x + step, poses, floor_mm, with_prior)
@@ -133,8 +135,13 @@ class Descent:
     def _is_better(
         self, place: _Place, trial: _Trial, solution: Solution, with_prior: bool
     ) -> bool:
-        """Whether a trial is taken: judged by what made it where placements are fitted anew or
-        have followed it, but for less than it promises; otherwise by χ² where it stands."""
+        """Return whether to accept a trial.
+
+        Costs include the change of the nominal prior. Where poses are refitted, costs with poses
+        eliminated are compared. Otherwise χ² at both points is compared. A step with a small
+        promise (`NEAR`) is judged with the weights and angles of the start. Where poses only follow
+        the steps, its χ² may also rise by the promised gain.
+        """
         leans = solution.off_drawing(trial.x - self.start)
         leans -= solution.off_drawing(place.x - self.start)
         start_cost, is_near = (
@@ -156,7 +163,7 @@ class Descent:
         return is_near and followed and self._compute_fixed_cost(place, trial) + leans <= start_cost
 
     def _compute_fixed_cost(self, place: _Place, trial: _Trial) -> float:
-        """What a trial costs with the weights and adjusted angles held of where it came from."""
+        """Return a trial's cost with the weights and adjusted angles of *place*."""
         rows = compute_parameter_rows(
             *self.unknowns.put(trial.x, self.constants, self.terms), self.basis
         )
@@ -170,10 +177,14 @@ class Descent:
     def linearise(
         self, x: F64, poses: Poses, floor_mm: float, with_prior: bool
     ) -> tuple[Linearisation, ArmAlone]:
-        """At the unknowns (C,), with poses as they are, or fitted anew in a round *with_prior*."""
+        """Linearise at the unknowns (C,).
+
+        Poses stay as they are, or are fitted again in a round *with_prior*.
+        """
         constants, terms = self.unknowns.put(x, self.constants, self.terms)
         if self._refits_poses(with_prior):
-            # Far off, poses are not linear: about a beam's own axis they turn by any angle.
+            # Far from the solution, poses are not linear: about a beam's own axis they turn by any
+            # angle.
             rows = compute_parameter_rows(constants, terms, self.basis)
             position = compute_observed(self.observations.states.q, rows, self.observations.turned)
             poses = fit_poses(self.observations, position, self.weighting.weight, poses)
@@ -189,5 +200,5 @@ class Descent:
         )
 
     def _refits_poses(self, with_prior: bool) -> bool:
-        """Whether poses are fitted at every place, and do not follow the steps alone."""
+        """Return whether poses are fitted at every point instead of following the steps."""
         return with_prior and not len(self.observations.distances.length_mm)

@@ -1,8 +1,8 @@
-"""The drawing of arm.toml judged: what it misses by, and where the fitted arm is far off it.
+"""Judge the nominal geometry of arm.toml: its misses, and where the fitted arm is far off it.
 
-No drawing knows where a tip or a tracker's reflector sits, where the base and the artefacts stand.
-That is fitted first. What then remains is the drawing's own error. The encoders' zeros are not
-fitted: to find them is what a calibration is for.
+No drawing knows the offset of a tip or of a tracker's reflector, or the poses of base and
+artefacts. These are fitted first; the remaining miss is the nominal geometry's own error. The
+encoders' zeros are not fitted, because a calibration exists to find them.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from armd.compensation.model import parameters
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.compensation.model.terms import Term
 
-#: A parameter farther off the drawing than this is remarked on, in the unit that people read. Parts
-#: are made to tenths of a millimetre and of a degree, printed ones to a few: this is a typing
-#: error, a forgotten part, or a joint that nobody homed.
+#: A parameter is reported if it is farther off than this, in the unit that people read. Parts are
+#: made to tenths of a millimetre and of a degree, printed ones to a few tenths. So a larger
+#: difference is a typing error, a forgotten part, or a joint that nobody homed.
 FAR = {"mm": 5.0, "°": 1.0}
-#: It must also be known, by so many standard uncertainties; what the readings leave open counts as
-#: uncertain as a plausible departure from the drawing.
+#: The difference must also exceed this many standard uncertainties. What the readings leave open
+#: has the uncertainty of a plausible departure.
 SURE = 3.0
-#: The tip may depart from arm.toml so much more easily than a link where readings cannot separate
-#: the two, as no drawing knows it.
+#: Where readings cannot separate them, the tip departs this many times more easily than a link,
+#: because no drawing knows the tip.
 TIP_EASE = 1e3
-#: Rounds that find the direction with the fewest parameters off (reweighted least squares), and
-#: the departure, in plausible ones, that counts as none.
+#: The iterations of reweighted least squares that find the solution with the fewest parameters off,
+#: and the departure, in plausible departures, that counts as none.
 ROUNDS, NO_DEPARTURE = 20, 1e-3
 
 
@@ -56,7 +56,7 @@ class OffDrawing:
         return {**asdict(self), "difference": self.difference}
 
     def in_brief(self) -> str:
-        """As `a_2 +60.02 mm (joint 2)`."""
+        """Return words such as `a_2 +60.02 mm (joint 2)`."""
         return f"{self.parameter} {self.difference:+.2f}{self._unit} ({self.place})"
 
     def in_words(self) -> str:
@@ -83,8 +83,10 @@ class OffDrawing:
 def compute_drawn_rms_um(
     observations: Observations, terms: Sequence[Term] = (), free: Sequence[int] = ()
 ) -> float:
-    """3-D RMS of readings under the drawing's links, with the one tip that suits them best, and
-    with the *free* ones of the reflectors' *terms*."""
+    """Compute the 3-D RMS of readings under the nominal links, with the best tip.
+
+    The *free* ones of the reflectors' *terms* are fitted, too.
+    """
     arm = observations.arm
     reference_c = arm.reference_temperature_c
     as_drawn = evaluate_model(observations, arm.nominal(), terms, reference_c)
@@ -94,10 +96,10 @@ def compute_drawn_rms_um(
 
 
 def find_off_drawing(identification: Identification) -> list[OffDrawing]:
-    """The lengths and angles that are surely far off the drawing.
+    """Find the lengths and angles that are significantly far off the nominal ones.
 
-    Where the readings cannot tell parameters apart, the tip departs rather than a link, and few
-    parameters rather than many. θ₁ and d₁ only place the arm, and have no part.
+    Where the readings cannot separate parameters, the tip departs rather than a link, and few
+    parameters rather than many. θ₁ and d₁ only place the arm and are skipped.
     """
     arm, count = identification.observations.arm, len(identification.unknowns.constants)
     names, scale = list(identification.unknowns.constants), identification.solution.scale[:count]
@@ -105,7 +107,7 @@ def find_off_drawing(identification: Identification) -> list[OffDrawing]:
     undecided = identification.solution.null[:count]
     ease = np.array([1.0 / TIP_EASE if name in TIP_PARAMETERS else 1.0 for name in names])
     departure, weight = _find_sparsest(identification.departure[:count] / scale, undecided, ease)
-    # What moves no point is a choice, and not uncertain. All else that is not known is.
+    # A direction that moves no point is a choice and not uncertain; all else unknown is uncertain.
     choice = compute_fit_gauge(
         identification.unknowns,
         identification.constants,
@@ -139,8 +141,10 @@ def _name_place(name: str) -> str:
 
 
 def _find_sparsest(departure: F64, undecided: F64, ease: F64) -> tuple[F64, F64]:
-    """*departure* (C,) moved along *undecided* (C, k) until few entries are left, and the weights
-    (C,) that this takes; entries with little *ease* (C,) may be large."""
+    """Move *departure* (C,) along *undecided* (C, k) until few entries are left.
+
+    Return it with the weights (C,) used; entries with little *ease* (C,) may be large.
+    """
     weight = ease / np.sqrt(np.abs(departure) + NO_DEPARTURE)
     moved = departure
     for _ in range(ROUNDS):
@@ -150,6 +154,6 @@ def _find_sparsest(departure: F64, undecided: F64, ease: F64) -> tuple[F64, F64]
 
 
 def _project_out(directions: F64, weight: F64) -> F64:
-    """(C, C) projection along *directions* (C, k) onto what has the least *weight*-ed square."""
+    """Return the projection (C, C) along *directions* (C, k) that minimises the weighted square."""
     along: F64 = np.linalg.pinv(weight[:, None] * directions) * weight
     return np.eye(len(weight)) - directions @ along

@@ -1,11 +1,11 @@
-"""Least squares on constants and coefficients, placements and free targets fitted along.
+"""Fit constants and coefficients by least squares, with placements and free targets.
 
 Gauss–Newton with Levenberg's damping where a step fails, on unknowns scaled by their plausible
-departure from the drawing. Between rounds the noise of a reading is found anew from the
-residuals, and readings are weighted by it and by the robust loss. While the noise is not yet
-known, the drawing counts as one more reading of every unknown, good to its plausible departure:
-so a start far off cannot run away along what the readings hardly tell. Then it is let go but for
-what the readings do not know (docs/decisions/0023).
+departure from the nominal values. After each round the noise of a reading is estimated again from
+the residuals, and readings are weighted by it and by the robust loss. While the noise is not yet
+known, the nominal values count as one more reading of every unknown, good to its plausible
+departure. So a start far off cannot diverge along directions that the readings hardly determine.
+Afterwards this prior is kept only where the readings determine nothing (docs/decisions/0023).
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
 
 MOST_ROUNDS = 10
-#: Postures all over the turn: several times more equations than an arm has unknowns.
+#: Random postures: several times more equations than an arm has unknowns.
 GAUGE_POSTURES = 200
 
 
 @dataclass(frozen=True, kw_only=True)
 class Identification:
-    """What a fit found."""
+    """The result of a fit."""
 
     observations: Observations
     reference_c: float
@@ -72,7 +72,7 @@ class Identification:
     distance2: F64  # (n,) squared Mahalanobis distances of the readings
     counts: F64  # (n,) how much each reading counts: copies of a posture share their error
     region: Mask  # (n,) readings far off like their neighbours in posture: no outliers
-    departure: F64  # (C,) of the unknowns from the drawing
+    departure: F64  # (C,) of the unknowns from the nominal values
     covariance: F64  # (C, C) of the unknowns; zero along directions that move no point
     variance_factor: float  # χ² per degree of freedom, contained in the covariance
     steps: int
@@ -80,16 +80,16 @@ class Identification:
 
     @property
     def down_weighted(self) -> I64:
-        """Rows that count less than fully, the tails of the noise among them."""
+        """The rows with less than full weight, the tails of the noise among them."""
         return np.flatnonzero((self.distance2 > DOWNWEIGHT_CHI2) & ~self.region)
 
     @cached_property
     def outliers(self) -> I64:
-        """Rows gone wrong, as `armd diagnose` judges them, too."""
+        """The rows that are outliers, by the same test as in `armd diagnose`."""
         return select_outliers(self.distance2, self.region)[0]
 
     def outlier_words(self, max_words: int = 4) -> str:
-        """Where the outliers are and how far off, the farthest first."""
+        """Name the outliers and their distances, the farthest first."""
         far_mm = np.linalg.norm(self.linearisation.residual_mm[self.outliers], axis=1)
         words = [
             f"{self.observations.name_row(i)} ({mm:.3g} mm off)"
@@ -99,11 +99,11 @@ class Identification:
 
     @property
     def rms_um(self) -> float:
-        """3-D RMS of all readings' residuals."""
+        """The 3-D RMS of all readings' residuals."""
         return compute_rms_um(self.linearisation.residual_mm)
 
     def of_points(self) -> Identification:
-        """The same with the rows alone that say where the tip is."""
+        """Return the fit with only the rows of points, without those of orientations."""
         points = ~self.observations.turned
         if points.all():
             return self
@@ -118,7 +118,7 @@ class Identification:
         )
 
     def without_terms(self, count: int) -> Identification:
-        """The same without the first *count* terms, as if they were no unknowns."""
+        """Return the fit without its first *count* terms, as if they were no unknowns."""
         n = len(self.unknowns.constants)
         later = [place for place, i in enumerate(self.unknowns.terms) if i >= count]
         columns = [*range(n), *(n + place for place in later)]
@@ -133,7 +133,7 @@ class Identification:
 
 
 def compute_rms_um(residual_mm: F64) -> float:
-    """3-D RMS in µm of residuals (n, 3) mm; rows with NaN are left out."""
+    """Compute the 3-D RMS in µm of residuals (n, 3) mm; rows with NaN are skipped."""
     squares = np.sum(residual_mm**2, axis=1)
     return float(np.sqrt(np.nanmean(squares))) * 1e3 if np.isfinite(squares).any() else np.nan
 
@@ -150,12 +150,12 @@ def fit(
     rounds: int = MOST_ROUNDS,
     progress: TellStep | None = None,
 ) -> Identification:
-    """Fit *unknowns*; *constants* (P,) and the terms' coefficients are the drawing to stay near.
+    """Fit *unknowns*; *constants* (P,) and the terms' coefficients are the nominal values.
 
-    *begin* (P,): constants to begin at instead, where an earlier fit knows them better.
-    *noise* is what to weight the readings by at first, where it is known. `rounds` is how often
-    at most noise and robust weights are found anew; 1 keeps the first weights. Every row's
-    temperatures must be there where a term needs them.
+    *begin* (P,): constants to begin at instead, where an earlier fit knows them better. *noise*:
+    what to weight the readings by at first, where it is known. *rounds*: how often at most noise
+    and robust weights are estimated again; 1 keeps the first weights. Every row needs the
+    temperatures that the terms use.
     """
     start = unknowns.values(constants, terms)
     constants, terms = constants if begin is None else begin, list(terms)
@@ -170,7 +170,7 @@ def fit(
     turned, points = observations.turned, ~observations.turned
     alike = _make_equal_noise(residual_mm[points], freedom[points])
     weighing = noise or alike
-    # A monstrous reading has no voice from the beginning: it would make its neighbours a region.
+    # A monstrous reading has no weight from the start; it would make its neighbours a region.
     squared = np.sum(residual_mm**2, axis=1) / alike.reading_mm**2
     distance2 = np.where(find_monstrous(residual_mm), squared, 0.0)
     region = np.zeros(observations.n, dtype=bool)
@@ -181,7 +181,7 @@ def fit(
     for round_ in range(1, rounds + 1):
         if end is None or not np.array_equal(basis, end.linearisation.basis):
             begun = linearise(observations, constants, terms, poses, reference_c, basis)
-        else:  # where the round before came to rest
+        else:  # the end of the previous round
             begun = end.linearisation
         joints = begun.joints
         weight = counts * compute_redescending_weights(distance2, region)
@@ -192,7 +192,7 @@ def fit(
         descent = Descent(
             observations, constants, terms, unknowns, reference_c, basis, start, weighting
         )
-        # A certified length bends the problem: far off it must not weigh more than the readings.
+        # A certified length is nonlinear: far from the solution it must not outweigh the readings.
         floor_mm = weighing.reading_mm * (1.0 if with_prior else 0.01)
         end = descent.run(x, begun, floor_mm, with_prior)
         stands = np.array_equal(end.x, x)
@@ -207,7 +207,7 @@ def fit(
         distance2 = to_three_components(
             compute_mahalanobis2(end.linearisation.residual_mm, covariance), freedom
         )
-        if not with_prior:  # far off, everything is
+        if not with_prior:  # with the prior, all readings may be far off
             region = region | find_regions(distance2 > DOWNWEIGHT_CHI2, states.q)
         basis = compute_basis_values(terms, states, observations.arm, reference_c, constants)
         if progress:
@@ -224,7 +224,7 @@ def fit(
         )
         if settled and not with_prior:
             break
-        # Another round from the same point with the same weights would end where this one did.
+        # Another round from the same point with the same weights would end at the same point.
         repeats = (
             stands
             and np.isclose(
@@ -235,8 +235,8 @@ def fit(
             and np.allclose(weight, weight_after, rtol=1e-6)
         )
         with_prior = with_prior and not settled and not repeats and round_ < rounds // 2
-    assert end is not None  # a round at least
-    # The last weights are those of the round before: what is left of the difference is a factor.
+    assert end is not None  # at least one round
+    # The weights are those of the previous round; one factor accounts for the remaining difference.
     equations = float((freedom * weight).sum())
     spare = max(equations + end.arm_problem.n_certified - fitted, 1.0)
     free = compute_fit_gauge(unknowns, constants, terms, basis, end.solution.scale)
@@ -256,8 +256,11 @@ def fit(
 
 
 def _compute_shared_covariance(arm_problem: ArmAlone, covariance: F64) -> F64:
-    """(C, C) what *covariance* lacks where sessions share a certificate: its error is one and the
-    same in all of them, and their number does not average it away (docs/decisions/0023)."""
+    """Return what *covariance* (C, C) lacks where sessions share a certificate.
+
+    The certificate's error is the same in all of them, so it does not average out
+    (docs/decisions/0023).
+    """
     entry = arm_problem.certified_entries()
     entries, place = np.unique(entry, axis=0, return_inverse=True)
     if len(entries) == len(entry):
@@ -273,11 +276,13 @@ def _compute_shared_covariance(arm_problem: ArmAlone, covariance: F64) -> F64:
 def compute_fit_gauge(
     unknowns: Unknowns, constants: F64, terms: Sequence[Term], basis: F64, scale: F64
 ) -> F64:
-    """(C, k) directions, in unknowns over *scale* (C,), that move no point wherever the joints
-    stand; *basis* (n, T): the terms' values in the readings."""
+    """Compute the directions (C, k) that move no point in any posture.
+
+    They are in unknowns over *scale* (C,). *basis* (n, T): the terms' values in the readings.
+    """
     n_joints = ParameterLayout.from_count(len(constants)).n_joints
     rng = np.random.default_rng(0)
-    # What is 0 in all rows chosen would look like nothing: each term at its least and its most.
+    # A term that is 0 in all drawn rows would seem to move nothing, so its extremes are included.
     ends = np.concatenate([basis.argmin(axis=0), basis.argmax(axis=0)])
     values = basis[np.append(ends, rng.integers(len(basis), size=GAUGE_POSTURES))]
     q = rng.uniform(-np.pi, np.pi, (len(values), n_joints))
@@ -286,7 +291,7 @@ def compute_fit_gauge(
 
 
 def _make_equal_noise(residual_mm: F64, freedom: I64) -> ReadingNoise:
-    """The noise that makes all readings alike, as large as their median residual."""
+    """Return the noise that weights all readings equally, as large as their median residual."""
     typical = compute_usual_square(np.sum(residual_mm**2, axis=1), freedom)
     return ReadingNoise(0.0, max(np.sqrt(typical), LEAST_MM))
 
@@ -294,7 +299,7 @@ def _make_equal_noise(residual_mm: F64, freedom: I64) -> ReadingNoise:
 def _estimate_noises(
     linearisation: Linearisation, whiten: F64, residual_share: F64, region: Mask, counts: F64
 ) -> ReadingNoise:
-    """Noise of the readings by what a round left, that of orientations by theirs alone."""
+    """Estimate the noise of points, and separately that of orientations, after a round."""
     turned, points = linearisation.observations.turned, ~linearisation.observations.turned
     noise = estimate_noise(
         linearisation.residual_mm[points],
@@ -319,7 +324,7 @@ def _estimate_noises(
 def _has_settled(
     before: ReadingNoise, after: ReadingNoise, joint_columns: F64, turned: Mask
 ) -> bool:
-    """Whether the weights would change by less than a few per cent."""
+    """Return whether the weights would change by less than five per cent."""
     sizes = [
         np.trace(noise.covariance(joint_columns, turned), axis1=1, axis2=2)
         for noise in (before, after)

@@ -1,7 +1,7 @@
-"""Errors on readings that took no part: placements or temperatures left out, one set at a time.
+"""Compute errors on held-out readings: placements or temperatures, one set at a time.
 
-About the solution the model is linear far beyond the noise, so a fit without some readings is one
-small linear problem. Of the readings left out only the placements are fitted, and seats that no
+Around the solution the model is linear far beyond the noise, so a fit without some readings is one
+small linear problem. For the held-out readings only the placements are fitted, and seats that no
 other reading touched.
 """
 
@@ -23,18 +23,18 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.fit import Identification, compute_rms_um
 
-#: Of so many sets something is known of the next one; it stays below in this share of cases.
+#: With this many sets, the error of a next one is estimated; it stays below in this share of cases.
 LEAST_SETS, ANOTHER = 3, 0.95
-#: Less is no error.
+#: A smaller error counts as none.
 LEAST_UM = 1e-3
 
 
 class HeldOut:
-    """A linear model around a fit, fitted without a fold's readings and tried on all of these.
+    """A linear model around a fit, fitted without the readings of a fold and tested on these.
 
-    *columns* (n, 3, C) mm and *scale* (C,): the unknowns any of the models to compare may use;
-    *residual* (n, 3) mm where all of these stand at their start, and *pull* (C,) from there to the
-    drawing, which keeps what a fold's other readings do not know.
+    *columns* (n, 3, C) mm and *scale* (C,): all unknowns that any of the compared models uses.
+    *residual* (n, 3) mm: with all these unknowns at their start. *pull* (C,): from the start to the
+    nominal values, which are kept where a fold's other readings determine nothing.
     """
 
     def __init__(
@@ -59,25 +59,25 @@ class HeldOut:
         ]
 
     def solve(self, fold: int, chosen: I64) -> Solution:
-        """The chosen unknowns' changes (len(chosen),), fitted without the fold."""
+        """Solve for the chosen unknowns' changes (len(chosen),) without the fold."""
         training = self.folds[fold].training
         return training.solve(self.scale[chosen], self.pull[chosen], chosen=chosen)
 
     def solve_all(self, chosen: I64) -> Solution:
-        """Likewise, fitted to all readings."""
+        """Solve for the chosen unknowns' changes with all readings."""
         return self._full_problem.solve(self.scale[chosen], self.pull[chosen], chosen=chosen)
 
     def errors(self, chosen: I64) -> Errors:
-        """Of fits of *chosen* without each fold, on the fold."""
+        """Compute the errors on each fold of fits of *chosen* without it."""
         changes = [self.solve(i, chosen).step for i in range(len(self.folds))]
         return self.summarise(self.try_changes(chosen, changes))
 
     def try_changes(self, chosen: I64, changes: Sequence[F64]) -> list[F64]:
-        """Residuals (m, 3) mm of each fold's readings after its change of the chosen unknowns."""
+        """Return each fold's residuals (m, 3) mm after its change of the chosen unknowns."""
         columns = self._full_problem.columns
         steps = np.zeros((len(changes), columns.shape[2]))
         steps[:, chosen] = changes
-        # All folds at once: a copy of a fold's columns for each model tried takes longer.
+        # All folds at once: copying a fold's columns for each tried model takes longer.
         moved = (columns.reshape(-1, columns.shape[2]) @ steps.T).reshape(*columns.shape[:2], -1)
         return [
             fold.compute_residual_mm(step, moved[:, :, i])
@@ -85,8 +85,8 @@ class HeldOut:
         ]
 
     def summarise(self, tried: Sequence[F64]) -> Errors:
-        """Of residuals (m, 3) mm, fold by fold."""
-        # How an orientation misses is no distance.
+        """Summarise residuals (m, 3) mm of each fold."""
+        # The miss of an orientation is no distance.
         tried = [
             residual_mm[points] for residual_mm, points in zip(tried, self._points, strict=True)
         ]
@@ -108,19 +108,19 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Errors:
-    """3-D RMS of all readings left out in turn, and without those down-weighted."""
+    """The 3-D RMS of all held-out readings, and without the down-weighted ones."""
 
     rms_um: float
     without_down_weighted_um: float
     n_down_weighted: int
-    of_sets_um: tuple[float, ...] = ()  # of each set by itself, without those down-weighted
+    of_sets_um: tuple[float, ...] = ()  # of each set alone, without down-weighted readings
 
     @property
     def of_another_um(self) -> float:
-        """What a further set stays below in 95 of 100 cases, by the spread of these.
+        """The limit that a further set stays below in 95 of 100 cases, by the spread of these.
 
-        The logarithms are taken as normal; with k of them, their mean and spread are known as
-        Student's t of k − 1 degrees of freedom has it. NaN of fewer than three.
+        The logarithms are taken as normal, so k of them give Student's t with k − 1 degrees of
+        freedom. NaN for fewer than three sets.
         """
         k = len(self.of_sets_um)
         if k < LEAST_SETS:
@@ -130,7 +130,7 @@ class Errors:
         return max(float(np.exp(logs.mean() + spread)), self.without_down_weighted_um)
 
     def in_words(self) -> str:
-        """Both figures where they differ, in one line."""
+        """Return both figures in one line, or one if no reading is down-weighted."""
         if not self.n_down_weighted:
             return f"{self.rms_um:.2f} µm"
         without = f"{self.without_down_weighted_um:.2f} without the {self.n_down_weighted}"
@@ -140,9 +140,9 @@ class Errors:
 def compute_another_placement_um(
     observations: Observations, errors: Errors, left_out_by: str
 ) -> float | None:
-    """Return what another placement's 3-D RMS stays below in 95 of 100 cases.
+    """Return the 3-D RMS that another placement stays below in 95 of 100 cases.
 
-    None where placements share a set that is left out: of so many the mean is a fair promise.
+    None where several placements are held out together: then there are enough for the mean.
     """
     is_each_placement = len(np.unique(observations.placement)) == len(errors.of_sets_um)
     another = errors.of_another_um if left_out_by == "placement" and is_each_placement else np.nan
@@ -150,7 +150,7 @@ def compute_another_placement_um(
 
 
 def describe_left_out(observations: Observations, errors: Errors, left_out_by: str) -> str:
-    """Return what one set that is left out consists of: `each placement`, `every 8th reading`."""
+    """Return what a held-out set consists of: `each placement`, `every 8th reading`."""
     if left_out_by == "placement":
         groups = len(np.unique(observations.placement))
     else:
@@ -162,28 +162,32 @@ def describe_left_out(observations: Observations, errors: Errors, left_out_by: s
 
 
 class _Fold:
-    """One set of readings left out; the *full_problem* stands at the start."""
+    """One held-out set of readings; the unknowns of *full_problem* are at their start."""
 
     def __init__(self, full_problem: ArmAlone, weight: F64, out: Mask) -> None:
         base, columns = full_problem.linearisation, full_problem.columns
         self._base, self._out = base, out
-        self._weight = weight[out]  # a reading gone wrong does not move its placement
+        self._weight = weight[out]  # an outlier does not move its placement
         observations = base.observations
         touched = observations.target[~out & ~observations.has_truth]
         free = base.free_targets[np.isin(base.free_targets, touched)]
-        # Rows left out weigh nothing: a copy of all others' columns for each fold would be large.
+        # Held-out rows get no weight: a copy of all other columns for each fold would be large.
         whiten = np.where(out[:, None, None], 0.0, full_problem.whitening)
         linearisation = replace(base, free_targets=free)
         self.training = ArmAlone(linearisation, whiten, columns, full_problem=full_problem)
 
     @cached_property
     def _linearisation(self) -> Linearisation:
-        """Of the readings left out, without the derivatives that nobody asks of them."""
+        """The linearisation of the held-out readings, without unused derivatives."""
         return replace(self._base, jacobian=self._base.jacobian[:, :, :0]).rows(self._out)
 
     @cached_property
     def _trial(self) -> ArmAlone | None:
-        """What is fitted to the readings left out: poses that no other reading tells, and seats."""
+        """The problem fitted to held-out readings: poses and seats that no other reading
+        determines.
+
+        None where other readings determine all poses.
+        """
         linearisation = self._linearisation
         placement, target = linearisation.observations.placement, linearisation.observations.target
         has_pose = np.isin(placement, self._base.observations.placement[~self._out])
@@ -204,11 +208,11 @@ class _Fold:
         )
 
     def compute_residual_mm(self, step: F64, moved_mm: F64) -> F64:
-        """Residuals (m, 3) mm of the readings left out after a *step* (C,) of the unknowns, which
-        moved all readings by *moved_mm* (n, 3).
+        """Compute the residuals (m, 3) mm of the held-out readings after a *step* (C,).
 
-        Their poses and seats are those that the other readings tell, where these do: a seat lies
-        where it lies in the artefact, whatever stands in the fold.
+        The step moved all readings by *moved_mm* (n, 3). Poses and seats come from the other
+        readings where these determine them: a seat has one place in the artefact, in the fold as
+        outside.
         """
         linearisation = self._linearisation
         residual = linearisation.residual_mm + moved_mm[self._out]
@@ -224,7 +228,7 @@ class _Fold:
 
 
 def _add_answers(residual_mm: F64, linearisation: Linearisation, twist: F64, shift: F64) -> F64:
-    """Residuals (n, 3) after twists (p, 6) of the placements and shifts (K, 3) of the targets."""
+    """Add twists (p, 6) of placements and shifts (K, 3) of targets to residuals (n, 3)."""
     observations = linearisation.observations
     shifted = np.einsum("nij,nj->ni", linearisation.target_columns, shift[observations.target])
     turned = np.einsum("nij,nj->ni", linearisation.pose_columns, twist[observations.placement])

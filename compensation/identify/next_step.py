@@ -1,4 +1,4 @@
-"""What to do next where a certificate is refused: one sentence with the command to type."""
+"""Choose what to do next after a refused certificate: one sentence with the command to type."""
 
 from __future__ import annotations
 
@@ -21,8 +21,10 @@ from armd.terminal.counted import format_count
 
 
 class Why(Enum):
-    """Why a certificate is refused. A cause stands before what may follow from it: of several, the
-    first one's step is the next."""
+    """The reasons for which a certificate is refused, causes before their consequences.
+
+    Of several reasons, the first one decides the next step.
+    """
 
     TEMPERATURES = auto()
     ODD_SESSION = auto()
@@ -40,7 +42,7 @@ class Why(Enum):
 
 @dataclass(frozen=True)
 class Objection:
-    """A reason in words, and whom it is about."""
+    """A reason in words, and the session, targets or rows that it concerns."""
 
     why: Why
     words: str
@@ -52,19 +54,19 @@ class Objection:
 
 @dataclass(frozen=True)
 class CalibratedFiles:
-    """What was calibrated, as a person types it."""
+    """The calibrated files, as a user types them."""
 
     sessions: tuple[Path, ...]
     arm: str = "arm.toml"
 
     def command(self, name: str, *options: str, without: Sequence[str] = ()) -> str:
-        """`armd NAME` of all sessions, or of all but the folders *without*."""
+        """Return the command `armd NAME` of all sessions, or of all but the folders *without*."""
         folders = [folder for folder in map(str, self.sessions) if folder not in without]
         return shlex.join(["armd", name, *folders, "--arm", self.arm, *options])
 
     @property
     def another(self) -> str:
-        """A folder for another session, beside the last one."""
+        """The folder for another session, beside the last one."""
         names = {path.name for path in self.sessions}
         free = next(name for k in range(len(names) + 1) if (name := f"more{k or ''}") not in names)
         return str(self.sessions[-1].parent / free)
@@ -76,14 +78,14 @@ def choose_next_step(
     files: CalibratedFiles,
     far_off: Sequence[str] = (),
 ) -> str:
-    """The one thing to do next, with the command to type in backquotes; "" without a fault.
+    """Choose the one thing to do next, with the command in backquotes; "" without a fault.
 
     *far_off* are the parameters that arm.toml has far off.
     """
     if not faults:
         return ""
     fault = min(faults, key=lambda objection: objection.why.value)
-    elsewhere = "" if observations.has_truth.all() else " in another place"  # a tracker need not
+    elsewhere = "" if observations.has_truth.all() else " in another place"  # a tracker needs none
     again = files.command("calibrate", "-o", "calibration.json")
     match fault.why:
         case Why.TEMPERATURES:
@@ -138,7 +140,7 @@ def choose_next_step(
                 f"turn joint {joint} farther, which moved least ({moved_deg:.0f}°), and measure"
                 f" again{elsewhere}: {_write_measure_command(observations, files, 1)}"
             )
-        case Why.UNSETTLED if far_off:  # the fit began there
+        case Why.UNSETTLED if far_off:  # the fit began at these values
             return (
                 f"put {', '.join(far_off)} right in {files.arm}, as drawn or as fitted, and"
                 f" calibrate again: `{again}`"
@@ -150,7 +152,7 @@ def choose_next_step(
 def _write_measure_command(
     observations: Observations, files: CalibratedFiles, places: int, targets: Sequence[str] = ()
 ) -> str:
-    """The command that brings another session, with as many rounds as it still takes."""
+    """Return the command that adds a session, with as many rounds as are still needed."""
     if observations.has_truth.all():
         words = ["armd", "import", "readings.csv", "--arm", files.arm, "-o", files.another]
         return f"`{shlex.join(words)}` (readings.csv: the tracker's table)"
@@ -170,8 +172,10 @@ def _write_measure_command(
 
 
 def _count_missing(observations: Observations, places: int) -> int:
-    """Postures that a session in so many more places must bring: each has unknowns of its own, and
-    so has each seat that is touched anew."""
+    """Count the postures that a session in *places* more places must add.
+
+    Each place has unknowns of its own, and so has each seat that is touched again.
+    """
     again = int(observations.unknown[_list_artefact_targets(observations)].sum())
     free = count_artefact_unknowns(observations) + 6 * places + 3 * again
     equations_per_reading = float(observations.freedom.mean())
@@ -182,7 +186,7 @@ def _count_missing(observations: Observations, places: int) -> int:
 
 
 def _list_artefact_targets(observations: Observations) -> list[int]:
-    """Touched in the last session that has an artefact."""
+    """List the targets touched in the last session that has an artefact."""
     on_artefact = ~observations.has_truth
     if not on_artefact.any():
         return []
@@ -194,7 +198,7 @@ def _list_artefact_targets(observations: Observations) -> list[int]:
 
 
 def _find_least_moved(observations: Observations) -> tuple[int, float]:
-    """The joint (from 1) that moved through the smallest angle, and that angle in degrees."""
+    """Return the joint (from 1) that moved through the smallest angle, and the angle in degrees."""
     q = observations.states.q
     moved_deg = np.degrees(np.nanmax(q, axis=0) - np.nanmin(q, axis=0))
     joint = int(np.argmin(moved_deg))

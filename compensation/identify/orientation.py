@@ -1,4 +1,4 @@
-"""What orientations of a measured body add to readings of its place."""
+"""Compute what the orientations of a measured body add to readings of its position."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from armd.terminal.counted import format_count
 
 @dataclass(frozen=True)
 class OrientationGain:
-    """Of a fit with orientations, beside the same without them."""
+    """A fit with orientations compared with the same fit without them."""
 
     readings: int
     standard_deviation_rad: float  # of one orientation, per axis
     rank: int
     rank_without: int
     added: tuple[str, ...]  # combinations that only the orientations determine
-    uncertainty_ratio: float  # with to without, the geometric mean over all known directions
+    uncertainty_ratio: float  # with over without, geometric mean over all known directions
 
     def as_json(self) -> dict[str, Any]:
-        """As `armd calibrate --json` has it."""
+        """Return the object that `armd calibrate --json` contains."""
         return {**asdict(self), "added": list(self.added)}
 
     def in_words(self) -> str:

@@ -1,9 +1,9 @@
-"""Readings with several reflectors: the tip of each is a term of its own.
+"""Model readings with several reflectors: the tip of each is a term of its own.
 
-Where a reflector sits in the last frame is the tip's offset plus three coefficients, whose basis is
-one in its readings and nothing in all others. So an unknown reflector is unknown as any term is, a
-given one is a term that is fixed, and no part of the estimator is told of either. The bases are
-sensors that only these observations have.
+A reflector's position in the last frame is the tip's offset plus three coefficients. Their basis is
+one in its readings and zero in all others. So an unknown reflector is unknown like any term, a
+given one is a fixed term, and the estimator needs no code for either. The bases are sensors that
+only these observations have.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class ReflectorTerms:
 
     observations: Observations
     terms: list[Term]
-    free: list[int]  # those of the terms that are unknown
+    free: list[int]  # numbers of the unknown terms
 
     @property
     def hides_tip(self) -> bool:
@@ -38,10 +38,10 @@ class ReflectorTerms:
         return bool(self.terms) and bool((self.observations.reflector >= 0).all())
 
     def identified(self, constants: Sequence[str]) -> list[str]:
-        """Return those of *constants* to identify beside the reflectors.
+        """Return those of *constants* to identify together with the reflectors.
 
-        Where no reading touches with the tip itself, it stays arm.toml's. Where all reflectors are
-        unknown, the last joint's constants move all of them alike, and stay as drawn.
+        Where no reading touches with the tip itself, the tip stays that of arm.toml. Where all
+        reflectors are unknown, the last joint's constants move all of them alike, and stay nominal.
         """
         if not self.hides_tip:
             return list(constants)
@@ -55,7 +55,7 @@ class ReflectorTerms:
 
 @dataclass(frozen=True)
 class FoundReflector:
-    """Where a reflector sits in the last frame, mm."""
+    """The position of a reflector in the last frame, mm."""
 
     name: str
     offset_mm: F64  # (3,)
@@ -74,7 +74,7 @@ class FoundReflector:
 
 
 def make_reflector_terms(observations: Observations, tip_mm: F64) -> ReflectorTerms:
-    """Return the observations with the reflectors' terms, *tip_mm* (3,) being the model's tip."""
+    """Return the observations with the reflectors' terms; *tip_mm* (3,) is the model's tip."""
     if not observations.reflectors:
         return ReflectorTerms(observations, [], [])
     arm, states = observations.arm, observations.states
@@ -106,8 +106,10 @@ def locate_reflectors(
     names: Sequence[str],
     covariance: F64,
 ) -> list[FoundReflector]:
-    """Return where reflectors sit, whose terms are the first of a fit's *terms*; *names* (C,) of
-    its unknowns and their *covariance* (C, C)."""
+    """Return the positions of reflectors, whose terms are the first of a fit's *terms*.
+
+    *names* (C,) are the fit's unknowns, *covariance* (C, C) is their covariance.
+    """
     tip = constants[observations.arm.layout.tip]
     columns = {name: i for i, name in enumerate(names)}
     result = []
@@ -116,7 +118,7 @@ def locate_reflectors(
         offset = tip + np.array([terms[i].coefficient for i in term_numbers])
         variance = np.zeros(3)
         for axis, i in enumerate(term_numbers):
-            if f"term {i}" in columns:  # not given: with the tip, where that is unknown, too
+            if f"term {i}" in columns:  # not given: its covariance with an unknown tip counts, too
                 columns_of_axis = [
                     columns[n] for n in (TIP_PARAMETERS[axis], f"term {i}") if n in columns
                 ]
@@ -126,7 +128,7 @@ def locate_reflectors(
 
 
 def require_one_kind(tips: ReflectorTerms, files: str) -> None:
-    """Raise `BadInput` for reflectors whose place is given beside readings of an unknown tip."""
+    """Raise `BadInput` for reflectors of given offset together with readings of an unknown tip."""
     has_fixed_offset = len(tips.free) < len(tips.terms)
     if has_fixed_offset and not tips.hides_tip:
         description = "readings without a reflector beside a reflector with offset_mm"

@@ -1,4 +1,4 @@
-"""A calibration, and what a report tells of how it came about."""
+"""A calibration, and what a report states about its origin."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from armd.compensation.model.calibration import Calibration
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """A calibration, and what a report tells of how it came about."""
+    """A calibration, and what a report states about its origin."""
 
     calibration: Calibration
     fit: Identification
-    rms_um: float  # 3-D RMS of all readings at their best placements, as `armd evaluate` has it
+    rms_um: float  # 3-D RMS of all readings at their best placements, as in `armd evaluate`
     heldout: Errors
     heldout_by: str  # "placement", "reading" or "temperature"
     thermal_order: int
@@ -38,7 +38,7 @@ class Result:
     trials: list[Trial]
     unidentifiable: list[str]
     certificate: Certificate
-    lengths: list[Length]  # certified, beside what the calibrated arm makes of them
+    lengths: list[Length]  # certified, with those that the calibrated arm measures
     inconsistent_session: InconsistentSession | None  # the session that does not fit the others
     off_drawing: list[OffDrawing]  # parameters far off arm.toml's
     notes: list[str] = field(default_factory=list)
@@ -48,22 +48,24 @@ class Result:
 
     @property
     def heldout_rms_um(self) -> float:
-        """3-D RMS over all readings left out in turn."""
+        """The 3-D RMS of all readings, held out in turn."""
         return self.heldout.rms_um
 
     @property
     def another_placement_um(self) -> float | None:
-        """What another placement's 3-D RMS stays below in 95 of 100 cases, where few were
-        measured; else None."""
+        """The 3-D RMS that another placement stays below in 95 of 100 cases, if few were measured.
+
+        None where many were measured.
+        """
         return compute_another_placement_um(self.fit.observations, self.heldout, self.heldout_by)
 
     @property
     def left_out_in_words(self) -> str:
-        """What one set that is left out consists of, as `every 8th reading`."""
+        """The content of one held-out set, such as `every 8th reading`."""
         return describe_left_out(self.fit.observations, self.heldout, self.heldout_by)
 
     def as_json(self) -> dict[str, Any]:
-        """As `armd calibrate --json` writes it."""
+        """Return the object that `armd calibrate --json` writes."""
         observations = self.fit.observations
         ranges = list(self.calibration.temperature_range_c.values())
         return {
@@ -101,7 +103,7 @@ class Result:
         }
 
     def outliers(self) -> list[dict[str, Any]]:
-        """Readings gone wrong, by session and row (counted from 1)."""
+        """List the outliers by session and row (counted from 1)."""
         observations = self.fit.observations
         return [
             {

@@ -1,9 +1,9 @@
-"""A tip's offset from readings of one seat, or all over a sphere of known diameter.
+"""Fit a tip's offset to readings of one seat, or all over a sphere of known diameter.
 
 With o and R the last frame's origin and rotation, the tip's centre is o + R·t. In a seat it is the
-same point s each time: R·t − s = −o, linear in t and s. On a sphere of centre c it is D/2 + r away
-from c. The arm's own constants count as exact: what they err by shows as form error, as far as the
-postures show it.
+same point s each time: R·t − s = −o, linear in t and s. On a sphere of centre c its distance from c
+is D/2 + r. The arm's own constants count as exact: their errors appear as form error, as far as the
+postures show them.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from scipy.optimize import least_squares
 from armd.arrays import F64
 from armd.compensation.features.algebraic import fit_algebraic_sphere
 
-#: Readings beyond the unknowns, so that the scatter is an estimate and no accident.
+#: Readings beyond the unknowns, so that the scatter is an estimate and not chance.
 SPARE = 2
 
 
 @dataclass(frozen=True)
 class TipFit:
-    """The tip's offset and what is known of it; lengths in mm."""
+    """The tip's offset and its uncertainty; lengths in mm."""
 
     offset_mm: F64  # (3,) in the last frame
     covariance_mm2: F64  # (3, 3) of the offset, from the readings' scatter
     centre_mm: F64  # (3,) of the seat or sphere, base frame
-    radius_mm: float | None  # of the tip's ball; None: a seat does not tell it
+    radius_mm: float | None  # of the tip's ball; None: a seat does not determine it
     radius_uncertainty_mm: float | None  # standard
     residual_mm: F64  # (n,) distance from the seat, or signed from the sphere
     form_error_mm: float  # sphere: farthest minus nearest; seat: largest distance
 
     @property
     def uncertainty_mm(self) -> F64:
-        """Standard uncertainty (3,) of the offset."""
+        """The standard uncertainty (3,) of the offset."""
         variance: F64 = np.sqrt(np.maximum(np.diag(self.covariance_mm2), 0.0))
         return variance
 
@@ -54,9 +54,9 @@ class TipFit:
 
 
 def fit_in_seat(origin_mm: F64, rotation: F64) -> TipFit:
-    """From last frames (n, 3), (n, 3, 3) while the tip stood in one seat.
+    """Fit the tip to last frames (n, 3), (n, 3, 3) with the tip in one seat.
 
-    Raises `ArithmeticError` for too few readings, or postures too alike to tell.
+    Raises `ArithmeticError` for too few readings, or postures that are too alike.
     """
     n = len(origin_mm)
     if n < 2 + SPARE:
@@ -88,10 +88,10 @@ def fit_on_sphere(
     diameter_mm: float,
     diameter_uncertainty_mm: float = 0.0,
 ) -> TipFit:
-    """From last frames while the tip's ball touched a sphere from outside, all over; *offset_mm*
-    (3,) is about where the tip is.
+    """Fit the tip to last frames while its ball touched a sphere from outside, all over.
 
-    Raises `ArithmeticError` for too few readings, or postures and contacts too alike to tell.
+    *offset_mm* (3,) is the approximate offset of the tip. Raises `ArithmeticError` for too few
+    readings, or postures and contacts that are too alike.
     """
     n = len(origin_mm)
     if n < 7 + SPARE:
@@ -114,7 +114,7 @@ def fit_on_sphere(
         by_offset = np.einsum("ni,nij->nj", normal, rotation)
         return np.column_stack([by_offset, -normal, np.full(n, -1.0)])
 
-    centre, radius = fit_algebraic_sphere(tip - middle)  # through the tips where they are now
+    centre, radius = fit_algebraic_sphere(tip - middle)  # through the approximate tips
     start = np.concatenate([offset_mm, centre, [radius]])
     fit = least_squares(
         distance, start, derivatives, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14
@@ -137,12 +137,13 @@ def fit_on_sphere(
 
 
 def _require_full(design: F64) -> None:
-    """The postures must turn the last frame about two axes at least."""
+    """Raise `ArithmeticError` unless the postures turn the last frame about two axes."""
     size = np.linalg.norm(design, axis=0)
     if size.min() == 0 or np.linalg.cond(design / size) > MOST_CONDITION:
         raise ArithmeticError("postures too alike: turn the last frame about other axes too")
 
 
-#: Beyond this an offset's direction is told by rounding and the arm's errors alone. Postures that
-#: turn the last frame by 20° about two axes have a condition of about 12, by 5° one of about 40.
+#: Beyond this condition, only rounding and the arm's errors determine a direction of the offset.
+#: Postures that turn the last frame by 20° about two axes have a condition of about 12, by 5° about
+#: 40.
 MOST_CONDITION = 100.0

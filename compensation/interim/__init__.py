@@ -1,2 +1,3 @@
-"""An arm over time: short checks tell when it changed and why, and what was measured since is
-corrected again."""
+"""Interim checks: short checks show when an arm changed and why; later measurements are
+re-corrected.
+"""

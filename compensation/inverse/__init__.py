@@ -1,1 +1,1 @@
-"""The inverse of the correction: the angles that bring the real tip where it is wanted."""
+"""The inverse of the correction: joint angles that bring the real tip to a wanted position."""

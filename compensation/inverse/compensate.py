@@ -1,7 +1,7 @@
-"""Joint angles that bring the corrected tip, terms and temperature included, where it is wanted.
+"""Find joint angles that bring the corrected tip, with terms and temperature, to a position.
 
-With six joints or more the orientation is kept that arm.toml's arm has at the given angles; with
-fewer, and with joints to spare, the angles change least.
+With six joints or more the tip keeps the orientation that the nominal arm has at the given angles.
+With fewer joints, and with more than needed, the angles change least.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.state import States
 
-#: A row is reached where its tip and orientation are nearer than this.
+#: A row is reached if its tip and orientation are nearer than this.
 REACHED_MM, REACHED_RAD = 5e-7, 5e-10
-#: Joints that can hold an orientation besides a position.
+#: The joints needed to hold an orientation besides a position.
 FOR_ORIENTATION = 6
-#: Of the singular values of the tip's motion, in radians and shares of the reach: the least one is
-#: a smaller share of the largest near a singularity.
+#: The tip's motion is scaled in radians and shares of the reach. Near a singularity, its least
+#: singular value is below this share of the largest.
 SINGULAR = 1e-4
-#: Rows worked out together.
+#: Rows that are solved together.
 PIECE = 4096
 OK, UNREACHABLE, SINGULARITY = "ok", "unreachable", "singular"
 
 
 @dataclass(frozen=True)
 class CommandedAngles:
-    """What to command, row by row."""
+    """The angles to command, row by row."""
 
     q: F64  # (n, N) rad; NaN where the status is not "ok"
-    change_mm: F64  # (n,) how far the tip would be off at the given angles
-    residual_mm: F64  # (n,) how far it is off at the angles found
+    change_mm: F64  # (n,) distance of the tip from its target at the given angles
+    residual_mm: F64  # (n,) distance at the angles found
     status: list[str]  # "ok", "unreachable", "singular", "limit joint k"
 
     @property
     def is_ok(self) -> Mask:
-        """(n,)"""
+        """A mask (n,) of the rows with status "ok"."""
         return np.array([status == OK for status in self.status], dtype=bool)
 
 
@@ -57,10 +57,10 @@ def compensate(
     wanted_mm: F64 | None = None,
     moving: Mask | None = None,
 ) -> CommandedAngles:
-    """Commands for the given *states*, whose angles are a nominal solution.
+    """Compute commands for the given *states*, whose angles are a nominal solution.
 
-    *wanted_mm* (n, 3) in the base frame; NaN rows, or all without it, want the tip where arm.toml's
-    arm has it at these angles. *moving* (n,): see `CorrectedPose`. Lags are followed within each
+    *wanted_mm* (n, 3) in the base frame. For NaN rows, or all without it, the target is the nominal
+    arm's tip at these angles. *moving* (n,): see `CorrectedPose`. Lags are followed within each
     series of *states*.
     """
     nominal_mm, nominal_turn = compute_pose(states.q, arm.nominal())
@@ -101,7 +101,7 @@ def _status(arm: Arm, q: F64, reached: Mask, share: F64) -> list[str]:
 
 
 class _PoseProblem:
-    """What the angles of each row are to meet."""
+    """The constraints that the angles of each row must meet."""
 
     def __init__(self, arm: Arm, pose: CorrectedPose, wanted_mm: F64, turn: F64) -> None:
         self._pose = pose
@@ -112,8 +112,11 @@ class _PoseProblem:
         self._reach_mm = max(arm.reach_mm, 1.0)
 
     def solve(self, q0: F64, rows: I64) -> tuple[F64, F64]:
-        """Angles (m, N), and how near to a singularity (m,) these are, or arm.toml's arm at the
-        given ones."""
+        """Solve for angles (m, N); also return the distance (m,) from a singularity.
+
+        The latter is the smaller one of the corrected arm at the solution and the nominal arm at
+        the given angles.
+        """
 
         def constraints(q: F64, chosen: I64) -> F64:
             return self.miss(self._pose, q, rows[chosen])
@@ -130,7 +133,11 @@ class _PoseProblem:
         )
 
     def miss(self, pose: CorrectedPose, q: F64, rows: I64) -> F64:
-        """(m, 3) of the position in shares of the reach, then (m, 3) of the rotation in rad."""
+        """Return the miss (m, 3) of the position in shares of the reach, then of the rotation in
+        rad.
+
+        The rotation (m, 3) follows only with `FOR_ORIENTATION` joints or more.
+        """
         position, turn = pose.tip_pose(q, rows)
         miss = (position - self._wanted_mm[rows]) / self._reach_mm
         if not self._oriented:
@@ -138,7 +145,7 @@ class _PoseProblem:
         return np.hstack([miss, compute_rotation_vectors(turn, self._turn[rows])])
 
     def turned_rad(self, q: F64) -> F64:
-        """(n,) how far the orientation is off; 0 where it is free."""
+        """Return the error (n,) of the orientation; 0 where it is free."""
         if not self._oriented:
             return np.zeros(len(q))
         vectors = compute_rotation_vectors(self._pose.tip_pose(q)[1], self._turn)
@@ -147,7 +154,10 @@ class _PoseProblem:
 
 
 def compute_rotation_vectors(turn: F64, target: F64) -> F64:
-    """(n, 3) rad in the base frame: from *target* rotations (n, 3, 3) to *turn* (n, 3, 3)."""
+    """Compute rotation vectors (n, 3), rad, in the base frame.
+
+    They lead from *target* rotations (n, 3, 3) to *turn* (n, 3, 3).
+    """
     difference = np.einsum("nij,nkj->nik", turn, target)
     sine = 0.5 * np.stack(
         [

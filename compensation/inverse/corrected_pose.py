@@ -1,4 +1,4 @@
-"""The corrected pose of the tip as a function of the joint angles, everything else given."""
+"""The corrected pose of the tip as a function of the joint angles, with all else given."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from armd.compensation.model.terms import Term
 
 
 class CorrectedPose:
-    """Of n instants; factors of temperature and time are worked out once.
+    """The corrected pose at n instants; factors of temperature and time are computed once.
 
-    In rows of *moving* (n,) the approach is the way that the tip moves at the given joint rates,
-    so that it turns with the posture.
+    In rows of *moving* (n,) the approach is the direction in which the tip moves at the given joint
+    rates, so it turns with the posture.
     """
 
     def __init__(
@@ -45,8 +45,11 @@ class CorrectedPose:
         self._pose_terms = [_part(term, of_pose=True) for term in self._terms]
 
     def tip_pose(self, q: F64, rows: I64 | slice = slice(None)) -> tuple[F64, F64]:
-        """Position (m, 3) mm and rotation (m, 3, 3) at angles (m, N) rad of the chosen rows; NaN
-        where a temperature or time that a term uses is missing."""
+        """Compute position (m, 3) mm and rotation (m, 3, 3) at angles (m, N) rad of the chosen
+        rows.
+
+        NaN where a temperature or time that a term uses is missing.
+        """
         if not self._terms:
             return compute_pose(q, self.constants)
         states = self.states(q, rows)
@@ -54,7 +57,7 @@ class CorrectedPose:
         return compute_pose(q, compute_parameter_rows(self.constants, self._terms, values))
 
     def states(self, q: F64, rows: I64 | slice = slice(None)) -> States:
-        """The chosen rows with these angles (m, N) rad."""
+        """Return the states of the chosen rows with these angles (m, N) rad."""
         states = dataclasses.replace(self.measured.rows(rows), q=q)
         moving = self._moving[rows]
         if not moving.any():
@@ -70,6 +73,6 @@ class CorrectedPose:
 
 
 def _part(term: Term, *, of_pose: bool) -> Term:
-    """The term with the factors of its pose alone, or with the others alone."""
+    """Return the term with only its pose factors, or with only the others."""
     factors = [f for f in term.basis if isinstance(f, SlowFactor) != of_pose]
     return term.model_copy(update={"basis": factors})

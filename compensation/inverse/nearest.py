@@ -1,8 +1,8 @@
-"""Angles nearest to given ones that meet constraints: Newton steps, many rows at once.
+"""Find the angles nearest to given ones that meet constraints: Newton steps, many rows at once.
 
-The step of a row solves J·(q − q₀) = J·(q' − q₀) − c for the least |q − q₀|, so that its fixed
-point meets c = 0 and departs from q₀ along the rows of J alone: the least change. J is a central
-difference, so that it has the pose's part in every term.
+The step of a row solves J·(q − q₀) = J·(q' − q₀) − c for the least |q − q₀|. So its fixed point
+meets c = 0 and departs from q₀ along the rows of J alone: the least change. J is a central
+difference, so it contains the pose's part in every term.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ import numpy as np
 
 from armd.arrays import F64, I64
 
-#: Constraints (m, C), without unit and of the size of a radian, at angles (m, N) of these rows.
+#: Constraints (m, C), without unit and of the order of a radian, at angles (m, N) of these rows.
 Constraints = Callable[[F64, I64], F64]
 
-#: rad: what a central difference steps, and what no step may be larger than.
+#: rad: the step of a central difference, and the largest step of an iteration.
 DIFFERENCE_RAD, LONGEST_RAD = 1e-4, 0.3
-#: Where a step is smaller, rows have arrived; so are constraints that are met.
+#: A row has converged if its step is smaller; so are constraints that are met.
 ARRIVED = 1e-11
 MET, NEARLY_MET = 1e-11, 1e-7
 STEPS, DAMPED_STEPS = 60, 40
-#: rad: starts beside the given one, for a posture from which no first step leads on.
+#: rad: starts near the given one, for a posture from which no first step makes progress.
 BESIDE_RAD = (0.0, 0.05, 0.2)
 
 
 def solve_nearest(constraints: Constraints, q0: F64) -> tuple[F64, F64]:
-    """Angles (n, N) rad and the constraints' norm (n,) there, for given angles (n, N).
+    """Solve for angles (n, N) rad near *q0* (n, N); also return the constraints' norm (n,) there.
 
     Where the constraints cannot be met, the angles are those that meet them best nearby.
     """
@@ -49,10 +49,10 @@ def solve_nearest(constraints: Constraints, q0: F64) -> tuple[F64, F64]:
 
 
 def compute_derivatives(constraints: Constraints, q: F64, rows: I64) -> F64:
-    """Of the constraints by the angles, (m, C, N)."""
+    """Compute the derivatives (m, C, N) of the constraints by the angles."""
     m, n_joints = q.shape
     steps = DIFFERENCE_RAD * np.vstack([np.eye(n_joints), -np.eye(n_joints)])
-    moved = (q + steps[:, None, :]).reshape(-1, n_joints)  # all in one call, which costs most
+    moved = (q + steps[:, None, :]).reshape(-1, n_joints)  # one call: calls cost most
     c = constraints(moved, np.tile(rows, 2 * n_joints)).reshape(2, n_joints, m, -1)
     columns: F64 = (c[0] - c[1]).transpose(1, 2, 0) / (2 * DIFFERENCE_RAD)
     return columns
@@ -80,7 +80,10 @@ def _least_change(constraints: Constraints, start: F64, q0: F64, rows: I64) -> t
 
 
 def _damped(constraints: Constraints, start: F64, rows: I64) -> tuple[F64, F64]:
-    """Levenberg–Marquardt on the constraints' square from *start* (m, N): angles, norms (m,)."""
+    """Minimise the constraints' square from *start* (m, N) by Levenberg–Marquardt.
+
+    Return angles and norms (m,).
+    """
     q, miss = start.copy(), _norm(constraints(start, rows))
     damping = np.full(len(q), 1e-3)
     moving = np.flatnonzero(np.isfinite(miss))
@@ -108,13 +111,15 @@ def _norm(c: F64) -> F64:
 
 
 def _pattern(n_joints: int, number: int) -> F64:
-    """Signs (N,) that differ from joint to joint."""
+    """Return signs (N,) that differ from joint to joint."""
     return np.random.default_rng(number).choice([-1.0, 1.0], n_joints)
 
 
 def compute_inverse_condition(j: F64) -> F64:
-    """The least singular value (m,) of matrices (m, C, N), as a share of the largest; 0 where they
-    are not finite."""
+    """Return the least singular value (m,) of matrices (m, C, N), as a share of the largest.
+
+    0 where a matrix is not finite.
+    """
     finite = np.isfinite(j).all(axis=(1, 2))
     share = np.zeros(len(j))
     if finite.any():

@@ -1,1 +1,1 @@
-"""The same, compiled: terms as a program, chains, factors, points and their covariance."""
+"""The compiled model: terms as a program, chains, factors, points and their covariance."""

@@ -1,9 +1,9 @@
 """Derivatives of the tip by all parameters, for a block of samples that differ in parameters.
 
-The same mathematics as `kinematics.fill_jacobian`, worked off as in `chain`: every inner loop
-runs over the samples of a block. All numbers stand in one flat array, in rows of a constant width:
-that is how LLVM proves, of so many rows, that they do not overlap, and vector instructions come of
-it (a ninth of the time).
+The mathematics is that of `kinematics.fill_jacobian`, evaluated as in `chain`: every inner loop
+runs over the samples of a block. All numbers are in one flat array, in rows of a constant width.
+Then LLVM can prove for so many rows that they do not overlap, and makes vector instructions (a
+ninth of the time).
 
 Each joint has `ROWS` rows, which hold three axes or one number each:
 
@@ -11,8 +11,8 @@ Each joint has `ROWS` rows, which hold three axes or one number each:
     15 x axis and 18 y axis before the joint   21 from the joint's origin to the tip
     24 sine and cosine of θ+q   26 of α   28 of β   30 d   31 a   32 θ+q
 
-One more such group stands for the last frame, with the tip's offset in 24, 25, 26. After it come
-the derivatives by the base's displacement, and sines and cosines of its angles.
+One more such group holds the last frame, with the tip's offset in 24, 25, 26. After it come the
+derivatives by the base's displacement, and sines and cosines of its angles.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ BASE_ROWS = 24
 
 @jit
 def make_work(n_joints: int, more_rows: int) -> F64:
-    """Room (rows, W) for the derivatives of a block, and after them for *more_rows*."""
+    """Make a work array (rows, W) for the derivatives of a block, followed by *more_rows*."""
     return np.zeros((ROWS * (n_joints + 1) + BASE_ROWS + more_rows, W))
 
 
 @jit
 def find_row(parameter: int, n_joints: int) -> int:
-    """The first of the three rows that hold the derivative by a parameter."""
+    """Return the first of the three rows that hold the derivative by a parameter."""
     offset = parameter - 5 * n_joints
     if offset < 0:
         return ROWS * (parameter // 5) + 3 * (parameter % 5)
@@ -49,7 +49,7 @@ def find_row(parameter: int, n_joints: int) -> int:
 
 @jit
 def take_parameters(parameters: F64, n_joints: int, work: F64) -> None:
-    """From here on the samples of a block have these parameters (P, W)."""
+    """Set the parameters (P, W) of the samples of a block."""
     for k in range(n_joints):
         o = ROWS * k
         compute_sincos(parameters, 5 * k + 3, 2, 1.0, work, o + 26)
@@ -81,7 +81,7 @@ def take_parameters(parameters: F64, n_joints: int, work: F64) -> None:
 
 @jit
 def compute_block_jacobian(q: F64, start: int, m: int, parameters: F64, work: F64) -> None:
-    """Derivatives (3, W) of samples *start* … *start* + m − 1, in the rows of `find_row`."""
+    """Compute derivatives (3, W) of samples *start* … *start* + m − 1 in rows of `find_row`."""
     n_joints = q.shape[1]
     flat = work.reshape(work.size)
     for k in range(n_joints):
@@ -109,11 +109,11 @@ def compute_block_jacobian(q: F64, start: int, m: int, parameters: F64, work: F6
 
 @inlined
 def _step(work: F64) -> None:
-    """From the frame before a joint to the frame behind it."""
+    """Compute the frame behind a joint from the frame before it."""
     for i in range(W):
         st, ct, sa, ca = work[24 * W + i], work[25 * W + i], work[26 * W + i], work[27 * W + i]
         sb, cb = work[28 * W + i], work[29 * W + i]
-        for axis in range(3):  # which LLVM writes out
+        for axis in range(3):  # LLVM unrolls this loop
             r = axis * W + i
             x, y, z = work[15 * W + r], work[18 * W + r], work[3 * W + r]
             x, y = ct * x + st * y, ct * y - st * x  # Rz
@@ -126,7 +126,7 @@ def _step(work: F64) -> None:
 
 @inlined
 def _to_tip(work: F64) -> None:
-    """From the last frame's origin to the tip."""
+    """Compute the vector from the last frame's origin to the tip."""
     for i in range(W):
         x, y, z = work[24 * W + i], work[25 * W + i], work[26 * W + i]
         work[21 * W + i] = work[15 * W + i] * x + work[18 * W + i] * y + work[3 * W + i] * z
@@ -136,7 +136,7 @@ def _to_tip(work: F64) -> None:
 
 @inlined
 def _derive(work: F64) -> None:
-    """A joint's derivatives, where the tip is known from the frame behind it."""
+    """Compute a joint's derivatives, given the tip as seen from the frame behind it."""
     for i in range(W):
         x, y, z = (
             work[(ROWS + 21) * W + i],

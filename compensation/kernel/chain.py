@@ -1,7 +1,7 @@
-"""From the tip to the world, joint after joint: the kernel's inner loops over a block.
+"""The kernel's inner loops over a block: from the tip to the world, joint after joint.
 
-Rows of a work array are addressed by constants or by one offset plus constants: that is how LLVM
-proves that they do not overlap.
+Rows of a work array are addressed by constants or by one offset plus constants, so that LLVM can
+prove that they do not overlap.
 """
 
 from __future__ import annotations
@@ -17,16 +17,17 @@ from armd.compiled.jit import inlined, jit
 # π/2 in two parts. j·_HALF_PI is exact inside a fused multiply-add; without one it is rounded, as
 # the angle itself was.
 _HALF_PI, _HALF_PI_REST = math.pi / 2, 6.123233995736766e-17
-# 1.5 · 2⁵²: added to a number below 2⁵¹, it rounds it to an integer, whose last bits are the sum's.
+# 1.5 · 2⁵²: adding it to a number below 2⁵¹ rounds that to an integer, whose last bits the sum has.
 _TO_INTEGER = 6755399441055744.0
 
 
 @inlined
 def compute_sincos(angle: F64, first: int, rows: int, order: float, out: F64, to: int) -> None:
-    """Sines and cosines of order · angle, error below 2e-16, in turn from row *to* of *out* on.
+    """Compute sines and cosines of order · angle, error below 2e-16, into *out* from row *to* on.
 
     Reduction to ±π/4 by multiples of π/2, minimax polynomials (of degree 13 and 12, by Remez'
-    exchange: errors 2e-18 and 8e-17), quadrant by the last two bits of the multiple.
+    exchange: errors 2e-18 and 8e-17), quadrant by the last two bits of the multiple. Sine and
+    cosine rows alternate.
     """
     for k in range(rows):
         _sincos_row(angle, first + k, order, out, to + 2 * k)
@@ -59,14 +60,17 @@ def _sincos_row(angle: F64, row: int, order: float, out: F64, to: int) -> None:
 
 @inlined
 def _flip_in_second_half(value: float, quadrant: np.int64) -> np.float64:
-    """*value* with its sign bit flipped if the quadrant's last two bits are 2 or 3."""
+    """Return *value* with its sign flipped if the quadrant's last two bits are 2 or 3."""
     bits = np.float64(value).view(np.int64) ^ ((quadrant & 2) << 62)
     return np.int64(bits).view(np.float64)
 
 
 @inlined
 def start_vectors(vectors: F64, v: int, tip: F64) -> None:
-    """Rows v … v + 2: the tip's offset; from v = 3 on: the x and the y axis. In the last frame."""
+    """Fill rows v … v + 2 with the tip's offset; for v = 3, six rows with the x and y axes.
+
+    All are in the last frame.
+    """
     if v == 3:
         for row in range(3, 9):
             value = 1.0 if row in (3, 7) else 0.0
@@ -81,10 +85,10 @@ def start_vectors(vectors: F64, v: int, tip: F64) -> None:
 
 @inlined
 def apply_fixed(matrices: F64, high: int, low: int, trig: F64, vectors: F64, v: int) -> None:
-    """Take rows v … v + 2 from link *high* through the joints *high* … *low*.
+    """Transform rows v … v + 2 from link *high* through the joints *high* … *low*.
 
-    That is to link *low* − 1; *low* = 0 takes them through the base to the world as well. Rows
-    3–8 are axes, which have no place.
+    The result is in link *low* − 1; *low* = 0 also transforms through the base to the world. Rows
+    3–8 are axes, which have no position.
     """
     place = 0.0 if 3 <= v < 9 else 1.0
     for k in range(high, max(low, 1) - 1, -1):
@@ -112,7 +116,7 @@ def _fixed_joint(matrices: F64, k: int, place: float, trig: F64, vectors: F64, v
 
 @jit
 def _displaced(matrices: F64) -> bool:
-    """Whether the base does not stand where the drawing has it, which is rare."""
+    """Return whether the base is displaced from its nominal pose, which is rare."""
     for row in range(3):
         for column in range(4):
             if matrices[0, row, column] != (1.0 if row == column else 0.0):
@@ -137,7 +141,7 @@ def _fixed_base(matrices: F64, place: float, vectors: F64, v: int) -> None:
 def compute_posed_rows(
     group: int, offset: int, rows: int, folded: Folded, program: Program, work: Work
 ) -> None:
-    """A group's parameters from *offset* on, sample by sample: rows of `work.posed`."""
+    """Compute a group's parameters from *offset* on for each sample: rows of `work.posed`."""
     posed, product = work.posed, work.product
     for row in range(rows):
         value = folded.parameters[offset + row]
@@ -158,7 +162,10 @@ def compute_posed_rows(
 
 @jit
 def apply_posed_joint(k: int, folded: Folded, program: Program, work: Work, turned: int) -> None:
-    """Like `_fixed` for joint k (from 0), its five parameters differing from sample to sample."""
+    """Apply joint k (from 0), whose five parameters differ from sample to sample.
+
+    It does the same as `_fixed_joint`, for *turned* vectors.
+    """
     compute_posed_rows(k, 5 * k, 5, folded, program, work)
     posed, angle, vectors = work.posed, work.angle, work.vectors
     for i in range(posed.shape[1]):
@@ -181,7 +188,7 @@ def apply_posed_joint(k: int, folded: Folded, program: Program, work: Work, turn
 def apply_posed_base(
     n_joints: int, folded: Folded, program: Program, work: Work, turned: int
 ) -> None:
-    """The base's displacement, differing from sample to sample."""
+    """Apply the base's displacement, which differs from sample to sample."""
     compute_posed_rows(n_joints + 1, 5 * n_joints + 3, 6, folded, program, work)
     posed, vectors = work.posed, work.vectors
     compute_sincos(posed, 3, 3, 1.0, posed, 6)
@@ -198,7 +205,7 @@ def apply_posed_base(
 
 @jit
 def compute_quaternion(vectors: F64, i: int) -> tuple[float, float, float, float]:
-    """x, y, z, w ≥ 0 of the frame whose x and y axes stand in rows 3–8 (Shepperd's choice)."""
+    """Return x, y, z, w ≥ 0 of the frame whose x and y axes are in rows 3–8 (Shepperd's choice)."""
     xx, yx, zx = vectors[3, i], vectors[4, i], vectors[5, i]
     xy, yy, zy = vectors[6, i], vectors[7, i], vectors[8, i]
     xz, yz, zz = yx * zy - zx * yy, zx * xy - xx * zy, xx * yy - yx * xy

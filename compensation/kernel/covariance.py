@@ -1,8 +1,7 @@
-"""A covariance with every point: what the identification, encoders and sensors leave uncertain.
+"""The covariance of every point, from the uncertainty of identification, encoders and sensors.
 
-All of it is folded, when a temperature arrives, into one low-rank factor L over the parameters
-(and the pose terms' coefficients); a sample pays for its Jacobian J and for the product J·L, in
-`points`.
+When a temperature arrives, all of it is folded into one low-rank factor L over the parameters (and
+the pose terms' coefficients). A sample costs its Jacobian J and the product J·L, in `points`.
 """
 
 from __future__ import annotations
@@ -19,28 +18,28 @@ from armd.compensation.model.calibration import Calibration, list_sensors
 from armd.compensation.model.terms import Term
 from armd.compiled.jit import jit
 
-#: Share of the variance that may be left out of the low-rank factor.
+#: The share of the variance that the low-rank factor may omit.
 NEGLECTED = 1e-14
 
 
 class Parts(NamedTuple):
-    """What the covariance is put together from, in mm at the tip.
+    """The parts from which the covariance is assembled, in mm at the tip.
 
-    Its n rows are those parameters and coefficients of pose terms that are uncertain.
+    Its n rows are the uncertain parameters and coefficients of pose terms.
     """
 
     identified: F64  # (K, K) covariance of the identified quantities, mm²
     row: I64  # (K,) the row in which a quantity acts
     scaled_by: I64  # (K,) the term whose slow factors scale it, or NO_TERM
     encoder: F64  # (n,) variances that the encoders add, mm²
-    warm: I64  # (W,) of slow and pose terms, those that depend on a temperature
+    warm: I64  # (W,) slow and pose terms that depend on a temperature
     warm_row: I64  # (W,) the row in which such a term acts
-    warm_amount: F64  # (W,) what a unit of its slow factors gives
-    scale: F64  # (n,) mm at the tip per unit of each row, roughly
+    warm_amount: F64  # (W,) effect of a unit of its slow factors
+    scale: F64  # (n,) approximate mm at the tip per unit of each row
 
 
 class Scratch(NamedTuple):
-    """Room for one factor."""
+    """Work arrays for one factor."""
 
     matrix: F64  # (n, n)
     columns: F64  # (n, n) of the factor, one per row
@@ -51,12 +50,12 @@ NO_TERM = -1
 
 
 class Uncertainty:
-    """What one model knows of its uncertainty; nothing, if its calibration states none."""
+    """The uncertainty of one model; empty if its calibration states none."""
 
     def __init__(
         self, arm: Arm, calibration: Calibration | None, slow: Sequence[Term], pose: Sequence[Term]
     ) -> None:
-        #: mm², along each axis, of what has no Jacobian; NaN if nothing is known
+        #: mm², along each axis, of noise without a Jacobian; NaN if nothing is known
         self.floor = np.nan
         self.temperature_c = 0.0  # standard deviation of a sensor
         if calibration is not None:
@@ -64,11 +63,10 @@ class Uncertainty:
             self.temperature_c = noise.temperature_c
             has_noise = noise.reading_mm or noise.temperature_c or any(noise.encoder_rad)
             if has_noise or calibration.covariance_of:
-                # Repeatability is what the encoders do not explain (`identify.noise` parts the
-                # two); their share comes through their Jacobian.
+                # Repeatability is the noise that the encoders do not explain (`estimate.noise`
+                # separates the two); the encoders' share comes through their Jacobian.
                 self.floor = noise.reading_mm**2
-        #: (n,) what the factor's rows are: numbers of parameters, then of pose terms; and what
-        #: is known of them
+        #: (n,) the numbers of the factor's rows: parameters, then pose terms; and their known parts
         self.rows, self.parts = _parts(arm, calibration, slow, pose)
         n = len(self.rows)
         #: (n, r) L L' is the covariance of parameters and pose terms' coefficients
@@ -77,9 +75,9 @@ class Uncertainty:
         self._numbers = np.zeros(n * n)  # of the factor, whose rank differs from fold to fold
 
     def fold(self, values: F64, changes: F64) -> None:
-        """Take over the slow factors' values (L+T,); `factor` holds until the next call.
+        """Fold for the slow factors' values (L+T,); `factor` is valid until the next call.
 
-        *changes* (S, L+T): what one standard deviation of each sensor adds to them.
+        *changes* (S, L+T): the effect of one standard deviation of each sensor on them.
         """
         rank = _factor(values, changes, self.parts, self._work, self._numbers)
         n = len(self.factor)
@@ -96,7 +94,7 @@ def _parts(
     pose_rows = np.arange(len(names), len(names) + len(pose))
     acts_in = np.concatenate([of_term[: len(slow)], pose_rows])  # as numbered in `rows`
 
-    # What the low-rank factor is judged by: an angle moves the tip by the arm's reach.
+    # The scale in which the low-rank factor is judged: an angle moves the tip by the arm's reach.
     scale = np.where(layout.are_lengths, 1.0, arm.reach_mm or 1.0)
     scale = np.concatenate([scale, scale[of_term[len(slow) :]]])
 
@@ -138,7 +136,7 @@ def _parts(
 
 @jit
 def _factor(values: F64, changes: F64, parts: Parts, work: Scratch, numbers: F64) -> int:
-    """The factor (n, r) into the first n · r of *numbers*; returns r."""
+    """Write the factor (n, r) into the first n · r of *numbers*; return r."""
     matrix, columns, scratch = work
     assemble(values, changes, parts, matrix, scratch)
     rank = factorise_pivoted(matrix, scratch, columns)
@@ -150,7 +148,7 @@ def _factor(values: F64, changes: F64, parts: Parts, work: Scratch, numbers: F64
 
 @jit
 def assemble(values: F64, changes: F64, parts: Parts, matrix: F64, scratch: F64) -> None:
-    """The covariance of what acts in each row into *matrix* (n, n), mm²."""
+    """Assemble the covariance of the rows in *matrix* (n, n), mm²."""
     identified, row, scaled_by, encoder, warm, warm_row, warm_amount, _ = parts
     n = len(matrix)
     for i in range(n):
@@ -175,11 +173,11 @@ def assemble(values: F64, changes: F64, parts: Parts, matrix: F64, scratch: F64)
 
 @jit
 def factorise_pivoted(matrix: F64, remaining: F64, columns: F64) -> int:
-    """Columns of L, one per row of *columns*, so that L·L' is *matrix* (n, n) but for a rest.
+    """Compute columns of L, one per row of *columns*, with L·L' equal to *matrix* (n, n) but for a
+    rest.
 
-    The rest is positive semidefinite and its trace at most NEGLECTED of the matrix's. Returns the
-    number of columns: no more than the rank.
-    *remaining* (n,) is scratch.
+    The rest is positive semidefinite, and its trace is at most NEGLECTED of the matrix's. Returns
+    the number of columns, at most the rank. *remaining* (n,) is scratch.
     """
     n = len(matrix)
     total = 0.0
@@ -193,7 +191,7 @@ def factorise_pivoted(matrix: F64, remaining: F64, columns: F64) -> int:
             trace += remaining[i]
             if remaining[i] > remaining[pivot]:
                 pivot = i
-        if trace <= NEGLECTED * total:  # never so if a NaN came in: it goes out again
+        if trace <= NEGLECTED * total:  # never true with a NaN, which then reaches the result
             break
         column, root = columns[rank], math.sqrt(remaining[pivot])
         for i in range(n):

@@ -1,16 +1,16 @@
-"""The kernel: angles in, corrected points out, many samples at once or one.
+"""The kernel: corrects angles to points, many samples at once or one.
 
-What depends on temperature and time alone is folded beforehand (`fold`) into one constant 3 × 4
-matrix per joint, A = Rz(q)·[Rz(θ0)·Tz(d)·Tx(a)·Rx(α)·Ry(β)], so a sample pays for the sines and
-cosines of its joints, for those joints that have pose-dependent terms, and for nothing else.
+`fold` combines beforehand what depends on temperature and time alone into one constant 3 × 4 matrix
+per joint, A = Rz(q)·[Rz(θ0)·Tz(d)·Tx(a)·Rx(α)·Ry(β)]. So a sample costs only the sines and cosines
+of its joints, and the joints that have pose-dependent terms.
 
-Samples are worked off in blocks, one row of a small array per quantity, every inner loop running
-over the samples of the block without a call or a branch, so that LLVM turns it into vector
-instructions; each such loop is a function of its own, for LLVM leaves loops within loops alone. How
-wide a block is, its scratch tells: 64 for a batch, 1 for what comes live, so the result does not
-depend on how the live samples were cut into calls.
+Samples are processed in blocks, one row of a small array per quantity. Every inner loop runs over
+the samples of the block without a call or a branch, so that LLVM vectorises it. Each such loop is a
+function of its own, because LLVM does not vectorise nested loops. The width of the scratch array
+sets the width of a block: 64 for a batch, 1 for live samples. So the result does not depend on how
+the live samples were grouped in calls.
 
-`memory` holds what a model is here, `chain` the inner loops, `pose_factors` the pose-dependent
+`memory` holds a model's arrays, `chain` the inner loops, `pose_factors` the pose-dependent
 functions.
 """
 
@@ -42,7 +42,7 @@ from armd.compiled.jit import inlined, jit, unlocked
 
 @jit
 def compute_uncorrected(q: F64, flat: FlatModel, position: F64) -> None:
-    """Tip positions (n, 3) mm by the constants alone."""
+    """Compute tip positions (n, 3) mm by the constants alone."""
     folded, _, work = open_flat(flat)
     angle, trig, vectors = work.angle, work.trig, work.vectors
     tip = folded.constants[5 * len(angle) :]
@@ -59,7 +59,7 @@ def compute_uncorrected(q: F64, flat: FlatModel, position: F64) -> None:
 def correct(
     q: F64, rate: F64, approach: F64, flat: FlatModel, position: F64, correction: F64
 ) -> None:
-    """Tip positions (n, 3) mm and, unless its length is 0, corrections (n, 3) mm."""
+    """Compute tip positions (n, 3) mm and, unless its length is 0, corrections (n, 3) mm."""
     folded, program, work = open_flat(flat)
     angle, trig, vectors = work.angle, work.trig, work.vectors
     tip, plain_tip = folded.parameters[5 * len(angle) :], folded.constants[5 * len(angle) :]
@@ -101,7 +101,7 @@ def correct_runs(
 
 @jit
 def are_alike(rows: F64, i: int, j: int) -> bool:
-    """Whether two rows of *rows* (n, K) hold the same, or nothing (NaN) in the same columns."""
+    """Return whether two rows of *rows* (n, K) are equal, with NaN in the same columns."""
     first, second = rows[i], rows[j]
     differing = 0
     for k in range(len(first)):  # without a branch: LLVM takes eight columns at once
@@ -112,7 +112,7 @@ def are_alike(rows: F64, i: int, j: int) -> bool:
 
 @inlined
 def take_angles(q: F64, start: int, m: int, angle: F64, trig: F64) -> None:
-    """Angles of m samples, their sines and cosines."""
+    """Load the angles of m samples, and compute their sines and cosines."""
     n_joints = q.shape[1]
     threes = n_joints - n_joints % 3
     for k in range(0, threes, 3):
@@ -125,7 +125,7 @@ def take_angles(q: F64, start: int, m: int, angle: F64, trig: F64) -> None:
 
 @inlined
 def _take_three(q: F64, start: int, m: int, k: int, angle: F64) -> None:
-    """Angles of three joints from *k* on: together, LLVM loads and sorts them as vectors."""
+    """Load the angles of three joints from *k* on: together, LLVM vectorises the loads."""
     for i in range(m):
         angle[k, i] = q[start + i, k]
         angle[k + 1, i] = q[start + i, k + 1]
@@ -134,8 +134,10 @@ def _take_three(q: F64, start: int, m: int, k: int, angle: F64) -> None:
 
 @inlined
 def to_world(matrices: F64, tip: F64, trig: F64, vectors: F64, v: int) -> None:
-    """Rows v … v + 2 of *vectors*: the tip (v = 0 or 9), or the x and y axes of the last frame
-    (v = 3 takes both), in the world."""
+    """Transform rows v … v + 2 of *vectors* from the last frame to the world.
+
+    They are the tip (v = 0 or 9), or the x and y axes of the last frame (v = 3 takes both).
+    """
     start_vectors(vectors, v, tip)
     apply_fixed(matrices, len(matrices) - 1, 0, trig, vectors, v)
     if v == 3:
@@ -147,7 +149,7 @@ def to_world_posed(
     rate: F64, approach: F64, start: int, m: int, folded: Folded, program: Program, work: Work,
     turned: int,
 ) -> None:  # fmt: skip
-    """Like `to_world` with pose terms: the tip, and if *turned* is 3 the two axes."""
+    """Transform to the world with pose terms: the tip, and if *turned* is 3 the two axes."""
     vectors, n_joints, first = work.vectors, len(work.angle), program.first
     start_vectors(vectors, 0, folded.parameters[5 * n_joints :])
     start_vectors(vectors, 3, folded.parameters)
@@ -176,6 +178,6 @@ def to_world_posed(
 
 @jit
 def _has_pose_terms(k: int, first: I64) -> bool:
-    """Whether joint k (from 1), or the base for k = 0, differs from sample to sample."""
+    """Return whether joint k (from 1), or the base for k = 0, differs from sample to sample."""
     group = k - 1 if k > 0 else len(first) - 2
     return bool(first[group] < first[group + 1])

@@ -1,4 +1,4 @@
-"""What a model is to the kernel: constants, folded terms, pose terms, scratch."""
+"""The arrays of a model in the kernel: constants, folded terms, pose terms, scratch."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compiled.jit import jit
 
-#: Samples of a batch that are worked off together.
+#: Samples of a batch that are processed together.
 BLOCK = 64
 
 
 class Amounts(NamedTuple):
-    """How much of a term a unit of its slow factors gives."""
+    """The effect of a unit of a term's slow factors."""
 
     slow_parameter: I64  # (L,) index of the parameter a slow term changes
     slow: F64  # (L,) coefficients of the slow terms
@@ -23,7 +23,7 @@ class Amounts(NamedTuple):
 
 
 class Folded(NamedTuple):
-    """Everything that changes with a temperature or the hour, and nothing that does with a pose."""
+    """Everything that changes with temperature or time but not with the pose."""
 
     constant: F64  # (N+1, 3, 4) base, joint 1 … N by the constants alone
     matrices: F64  # (N+1, 3, 4) by the constants and the slow terms
@@ -41,15 +41,15 @@ class Program(NamedTuple):
     term_factors: I64  # rows of `factors`
     factors: I64  # (F, 3) distinct factors: kind, joint or link from 0, detail
     curve_pieces: I64  # (F,) number of pieces of a curve
-    needs: I64  # (3,) whether levers under gravity, gravity in links, approach in links are asked
+    needs: I64  # (3,) flags: gravity levers, gravity in links, approach in links
     curves: F64  # (C, 4) cubic pieces, lowest power first; a curve begins at its `detail`
     # (N+1, 4) row 0: unit gravity in the base frame; row k: mass moment of link k (3) and mass
-    # carried from it on, both scaled so that moments come out in Nm
+    # carried from it on, both scaled so that moments are in Nm
     gravity: F64
 
 
 class Work(NamedTuple):
-    """Scratch of one model, as many samples wide as are worked off together (B)."""
+    """Scratch arrays of one model, as wide as the number of samples processed together (B)."""
 
     angle: F64  # (N, B)
     trig: F64  # (2N, B) sine and cosine of each joint
@@ -64,10 +64,10 @@ class Work(NamedTuple):
 
 
 class FlatModel(NamedTuple):
-    """A model as one compiled call takes it.
+    """A model in the form that one compiled call takes.
 
-    Each array that crosses from Python costs 0.05 µs and each in a tuple 0.15 µs, so three flat
-    ones cross and `open_flat` makes views of them.
+    Each array that crosses from Python costs 0.05 µs and each in a tuple 0.15 µs. So three flat
+    arrays cross, and `open_flat` makes views of them.
     """
 
     sizes: I64  # N, T, F, C and length of term_factors; then the integers of the program
@@ -75,13 +75,13 @@ class FlatModel(NamedTuple):
     work: F64  # (rows, B)
 
     def for_batches(self) -> FlatModel:
-        """A copy that works off `BLOCK` samples together."""
+        """Return a copy that processes `BLOCK` samples together."""
         return FlatModel(self.sizes, self.numbers.copy(), np.zeros((len(self.work), BLOCK)))
 
 
 @jit
 def open_flat(flat: FlatModel) -> tuple[Folded, Program, Work]:
-    """Views of the flat arrays, in the order in which the tuples are declared."""
+    """Return views of the flat arrays, in the order in which the tuples are declared."""
     n, t, f, c, listed = flat.sizes[:5]
     i = flat.sizes[5:]
     parameter, i = i[:t], i[t:]
@@ -114,7 +114,7 @@ def open_flat(flat: FlatModel) -> tuple[Folded, Program, Work]:
 
 @jit
 def fold(values: F64, amounts: Amounts, flat: FlatModel) -> None:
-    """Bring a model to the slow factors' values (L+T,), slow terms first."""
+    """Fold the slow factors' values (L+T,), slow terms first, into a model."""
     folded, _, _ = open_flat(flat)
     slow = len(amounts.slow)
     parameters = folded.parameters
@@ -130,7 +130,7 @@ def fold(values: F64, amounts: Amounts, flat: FlatModel) -> None:
 
 @jit
 def set_matrices(parameters: F64, matrices: F64) -> None:
-    """Matrices (N+1, 3, 4) of parameters (P,): the base's, then each joint's but for Rz(q)."""
+    """Set matrices (N+1, 3, 4) from parameters (P,): the base's, then the joints' without Rz(q)."""
     n_joints = len(matrices) - 1
     base = parameters[5 * n_joints + 3 :]
     cx, sx = math.cos(base[3]), math.sin(base[3])

@@ -1,4 +1,4 @@
-"""An arm and its calibration, ready to correct: what the daemon runs live and `correct` offline."""
+"""An arm and its calibration, ready to correct: live in the daemon and offline in `correct`."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from armd.compensation.model.terms import Term
 class Model:
     """Corrects angles of one arm; without a calibration by the nominal geometry of arm.toml.
 
-    "Uncorrected" everywhere means: the same angles through the calibration's constants alone,
-    without any of its terms. The correction is what the terms do.
+    "Uncorrected" everywhere means the position by the calibration's constants alone, without any of
+    its terms. The correction is the effect of the terms.
     """
 
     def __init__(self, arm: Arm, calibration: LoadedCalibration | None) -> None:
@@ -61,7 +61,7 @@ class Model:
                 if isinstance(factor, Period)
             }
         )
-        #: Whether a term depends on the date, so that the model must be folded as time goes on.
+        #: Whether a term depends on the date, so that the model must be folded as time passes.
         self.dated = any(isinstance(factor, Dated) for t in terms for factor in t.basis)
         self.flat = pack_program(compile_terms(pose, arm), self.constants)
         self._uncertainty = Uncertainty(arm, content, slow, pose)
@@ -70,27 +70,30 @@ class Model:
         self.forget()
 
     def fold(self, celsius: F64, unix_s: float) -> None:
-        """From here on samples are corrected for these temperatures (S,) °C at this time.
+        """Correct later samples for these temperatures (S,) °C at this time.
 
-        Called at the rate of the temperatures, in ascending time: lags are followed from call to
+        Call it at the rate of the temperatures, in ascending time: lags are followed from call to
         call. A sensor that a term uses must have a value.
         """
         deviation_c = self._uncertainty.temperature_c
         values, changes = self._slow.values(celsius, unix_s, deviation_c)
         fold(values, self._amounts, self.flat)
-        if np.isfinite(values).all():  # else positions are NaN, and nothing is to be said of them
+        if np.isfinite(values).all():  # else positions are NaN and need no covariance
             self._uncertainty.fold(values, changes)
 
     def follow(self, celsius: F64, unix_s: float) -> None:
-        """As `fold`, for a past in which nothing was corrected: only the lags take part."""
+        """Update only the lags, for past temperatures without points to correct; see `fold`."""
         self._slow.values(celsius, unix_s)
 
     def forget(self) -> None:
-        """The next temperatures start the lags, settled."""
+        """Restart the lags, settled at the next temperatures."""
         self._slow.forget()
 
     def outside_period(self, unix_s: float) -> tuple[float, float] | None:
-        """The first period that does not hold *unix_s*: its terms are held then."""
+        """Return the first period that does not contain *unix_s*; its terms then keep their value.
+
+        None if there is no such period.
+        """
         for since, until in self.periods_unix_s:
             if not since <= unix_s <= until:
                 return since, until
@@ -98,12 +101,12 @@ class Model:
 
     @property
     def states_uncertainty(self) -> bool:
-        """Whether the calibration says how sure it is."""
+        """Whether the calibration states an uncertainty."""
         return not math.isnan(self._uncertainty.floor)
 
     @property
     def covariance(self) -> tuple[F64, I64, float]:
-        """Its factor, what its rows are, and its floor, as `points.fill` takes them."""
+        """The factor, the numbers of its rows, and the floor, as `points.fill` takes them."""
         return self._uncertainty.factor, self._uncertainty.rows, self._uncertainty.floor
 
     def correct(self, q: F64, rate: F64, approach: F64, points: npt.NDArray[np.void]) -> None:
@@ -122,31 +125,37 @@ class Model:
         )
 
     def correct_states(self, states: States, *, onwards: bool = False) -> tuple[F64, F64]:
-        """Positions (n, 3) mm and corrections (n, 3), each row at its own temperatures and time.
+        """Correct each row at its own temperatures and time.
 
-        Rows in which a temperature that moves the tip is missing come out NaN, as a whole. Lags are
-        followed within each series of *states*; with *onwards* from call to call, as `fold` does.
+        Return positions (n, 3) mm and corrections (n, 3) mm. A row without a temperature that moves
+        the tip is NaN in all coordinates. Lags are followed within each series of *states*; with
+        *onwards* from call to call, as in `fold`.
         """
         return self.correct_rows(states, self.slow_values(states, onwards=onwards))
 
     def slow_values(
         self, states: States, *, onwards: bool = False, delay: Delay | None = None
     ) -> F64:
-        """Slow factors' values (n, L+T) of slow terms, then pose terms; lags as above, or by a
-        *delay* of the caller's."""
+        """Compute slow factors' values (n, L+T) of slow terms, then pose terms.
+
+        Lags are followed as in `correct_states`, or by a *delay* of the caller's.
+        """
         delay = self._slow.delay if onwards else delay
         return compute_basis_values(
             self._slow_parts, states, self.arm, self._reference_c, self.constants, delay
         )
 
     def correct_rows(self, states: States, slow_values: F64) -> tuple[F64, F64]:
-        """As `correct_states`, where the slow factors' values are known; from any thread."""
+        """Correct rows with known values of the slow factors; may run in any thread.
+
+        See `correct_states`.
+        """
         position, correction = np.empty((2, states.n, 3))
         self._correct_runs(states, slow_values, position, correction)
         return position, correction
 
     def position_rows(self, states: States, slow_values: F64) -> F64:
-        """The positions of `correct_rows` alone, in two thirds of the time; from any thread."""
+        """Return the positions of `correct_rows` alone, in two thirds of the time; any thread."""
         position = np.empty((states.n, 3))
         self._correct_runs(states, slow_values, position, np.empty((0, 3)))
         return position
@@ -168,10 +177,10 @@ class Model:
         clear_partial_positions(correction)
 
     def uncertainty_rows(self, states: States, slow_values: F64) -> F64:
-        """Standard uncertainties (n, 3) mm of the rows' coordinates, NaN where nothing is known
-        or the number overflows.
+        """Compute standard uncertainties (n, 3) mm of the rows' coordinates.
 
-        As `correct_rows`, from any thread.
+        NaN where nothing is known or the number overflows. May run in any thread, as
+        `correct_rows`.
         """
         variance = self.covariance_rows(states, slow_values)[:, [0, 3, 5]]
         variance[np.isinf(variance)] = np.nan
@@ -179,12 +188,15 @@ class Model:
         return deviation
 
     def covariance_rows(self, states: States, slow_values: F64) -> F64:
-        """Covariances (n, 6) mm² of the rows' coordinates: xx xy xz yy yz zz; else as above."""
+        """Compute covariances (n, 6) mm² of the rows' coordinates: xx xy xz yy yz zz.
+
+        NaN where nothing is known; may run in any thread.
+        """
         covariance = np.full((states.n, 6), np.nan)
         if self.states_uncertainty:
             compute_row_variances(
                 np.ascontiguousarray(slow_values),
-                # writeable, as the ready library has it: another kind is compiled for 10 s
+                # writeable, as in the ready library: another type would be compiled for 10 s
                 np.require(states.temperature_c, requirements=["C", "W"]),
                 states.time_s if self.dated else np.zeros(states.n),
                 self._uncertainty.temperature_c,
@@ -203,6 +215,6 @@ class Model:
 
 
 def _slow_part(term: Term) -> Term:
-    """The term without its pose factors."""
+    """Return the term without its pose factors."""
     factors = [factor for factor in term.basis if isinstance(factor, SlowFactor)]
     return term.model_copy(update={"basis": factors})

@@ -1,4 +1,4 @@
-"""Corrected points of samples, with orientation and covariance."""
+"""Compute corrected points of samples, with orientation and covariance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from armd.compensation.kernel.memory import FlatModel, Folded, Program, Work, op
 from armd.compensation.model.kinematics import fill_jacobian
 from armd.compiled.jit import inlined, jit
 
-#: Columns of the factor that are worked off together. A constant, so that LLVM can prove that the
+#: Columns of the factor that are processed together. A constant, so that LLVM can prove that the
 #: sums along x, y and z do not overlap.
 COLUMNS = 128
 
@@ -24,10 +24,10 @@ def fill(
     q: F64, rate: F64, approach: F64, flat: FlatModel, factor: F64, rows: I64, floor: float,
     points: npt.NDArray[np.void],
 ) -> None:  # fmt: skip
-    """Position, orientation, correction and covariance of *points* (n,), dtype `armd.POINT`.
+    """Fill position, orientation, correction and covariance of *points* (n,), dtype `armd.POINT`.
 
-    The covariance is (J·L)(J·L)' + *floor*, L being *factor* (R, r), whose rows (R,) are parameters
-    and, from P on, pose terms; NaN if *floor* is.
+    The covariance is (J·L)(J·L)' + *floor*. L is *factor* (R, r), whose *rows* (R,) are parameters
+    and, from P on, pose terms. The covariance is NaN if *floor* is.
     """
     folded, program, work = open_flat(flat)
     angle, trig, vectors = work.angle, work.trig, work.vectors
@@ -69,7 +69,7 @@ def _covariances(
     position = np.empty((m, 3))
     derivatives = np.empty((m, 3, count))
     fill_jacobian(q[start : start + m], parameters, position, derivatives)
-    # Rows of L are taken four at a time: a row that is not there has no derivatives.
+    # Rows of L are taken four at a time: rows beyond the last have zero derivatives.
     j, along = np.zeros(3 * (len(rows) + 3)), np.empty(3 * COLUMNS)
     for i in range(m):
         for row in range(len(rows)):
@@ -100,8 +100,10 @@ def _covariances(
 
 @inlined
 def _add_four(j: F64, a: F64, b: F64, c: F64, d: F64, width: int, along: F64) -> None:
-    """Add to *along* (3 COLUMNS,), x, y, z of J·L, what four rows of L give by their derivatives
-    *j*: three each."""
+    """Add the products of four rows of L and their derivatives *j*, three each, to *along*.
+
+    *along* (3 COLUMNS,) holds x, y, z of J·L.
+    """
     ax, ay, az = j[0], j[1], j[2]
     bx, by, bz = j[3], j[4], j[5]
     cx, cy, cz = j[6], j[7], j[8]
@@ -115,7 +117,7 @@ def _add_four(j: F64, a: F64, b: F64, c: F64, d: F64, width: int, along: F64) ->
 
 @jit
 def _with_pose_terms(folded: Folded, program: Program, work: Work, m: int) -> F64:
-    """The parameters (m, P) of the block's samples, pose terms and all."""
+    """Return the parameters (m, P) of the block's samples, including the pose terms."""
     count = len(folded.parameters)
     parameters = np.empty((m, count))
     for i in range(m):
@@ -129,8 +131,10 @@ def _with_pose_terms(folded: Folded, program: Program, work: Work, m: int) -> F6
 
 @jit
 def find_weight(row: int, count: int, program: Program, work: Work, i: int) -> tuple[int, float]:
-    """By which of *count* parameters an unknown moves sample *i* of the block, with what weight:
-    itself; numbers from *count* on are coefficients of pose terms."""
+    """Return the parameter by which unknown *row* moves sample *i* of the block, and its weight.
+
+    A parameter acts by itself; numbers from *count* on are coefficients of pose terms.
+    """
     if row < count:
         return row, 1.0
     return program.parameter[row - count], compute_pose_basis(program, work, row - count, i)
@@ -138,7 +142,7 @@ def find_weight(row: int, count: int, program: Program, work: Work, i: int) -> t
 
 @jit
 def compute_pose_basis(program: Program, work: Work, t: int, i: int) -> float:
-    """What pose term *t* multiplies its coefficient with, at sample *i* of the block."""
+    """Compute the basis value of pose term *t* at sample *i* of the block."""
     value = 1.0
     for j in range(program.factor_first[t], program.factor_first[t + 1]):
         value *= work.factors[program.term_factors[j], i]

@@ -32,7 +32,7 @@ SIN, COS, ANGLE, CURVE, TORQUE, DIRECTION, MOMENT, SIDE, RATE, APPROACH, APPROAC
 def evaluate_factors(
     rate: F64, approach: F64, start: int, constant: F64, program: Program, work: Work, m: int
 ) -> None:
-    """Every distinct pose factor, one row of `work.factors` each."""
+    """Evaluate every distinct pose factor into one row of `work.factors` each."""
     factors, trig = work.factors, work.trig
     down, lever, width = work.down, work.lever, trig.shape[1]
     if program.needs[1]:
@@ -65,7 +65,7 @@ def evaluate_factors(
         elif kind == CURVE:
             _curve(work.angle, k, program.curves, detail, program.curve_pieces[f], factors, f)
         elif kind == TORQUE:
-            a = 3 * k  # the frame before the joint, whose z axis it turns about
+            a = 3 * k  # the frame before the joint, whose z axis is the joint's axis
             for i in range(width):
                 factors[f, i] = lever[a, i] * down[a + 1, i] - lever[a + 1, i] * down[a, i]
         elif kind == MOMENT:
@@ -95,7 +95,9 @@ def evaluate_factors(
 
 @jit
 def _curve(angle: F64, k: int, curves: F64, first: int, pieces: int, factors: F64, f: int) -> None:
-    """A periodic piecewise cubic; pieces are counted from angle 0, their argument is in rad."""
+    """Evaluate a periodic piecewise cubic; pieces are counted from angle 0, their argument is in
+    rad.
+    """
     width = 2 * math.pi / pieces
     for i in range(angle.shape[1]):
         turns = angle[k, i] / (2 * math.pi)
@@ -108,9 +110,9 @@ def _curve(angle: F64, k: int, curves: F64, first: int, pieces: int, factors: F6
 
 @jit
 def _into_links(constant: F64, trig: F64, rows: F64) -> None:
-    """Turn the vectors of rows 0–2, given in the world, into every frame: rows 3k … 3k + 2.
+    """Transform the vectors of rows 0–2 from the world to every frame: rows 3k … 3k + 2.
 
-    Rows 0–2 themselves end in the frame before joint 1.
+    Rows 0–2 are themselves transformed to the frame before joint 1.
     """
     for k in range(len(constant)):
         m00, m01, m02 = constant[k, 0, 0], constant[k, 0, 1], constant[k, 0, 2]
@@ -129,7 +131,7 @@ def _into_links(constant: F64, trig: F64, rows: F64) -> None:
 
 @jit
 def _levers(constant: F64, trig: F64, gravity: F64, lever: F64) -> None:
-    """Mass moments (scaled to Nm under unit gravity) of all links beyond a frame, in that frame."""
+    """Compute mass moments (Nm under unit gravity) of all links beyond a frame, in that frame."""
     last = 3 * (len(constant) - 1)
     for i in range(lever.shape[1]):
         lever[last, i] = lever[last + 1, i] = lever[last + 2, i] = 0.0

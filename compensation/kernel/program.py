@@ -1,4 +1,4 @@
-"""A calibration's terms, translated for the kernel: index, coefficient, factor codes."""
+"""Translate a calibration's terms for the kernel: index, coefficient, factor codes."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from armd.compensation.model.terms import Term
 
 
 def order_by_parameter(terms: Sequence[Term], n_joints: int) -> list[Term]:
-    """Terms in the order of the parameters they change, as a `Program` wants its pose terms."""
+    """Sort terms by the parameters they change, as a `Program` needs its pose terms."""
     layout = ParameterLayout(n_joints)
     return sorted(terms, key=lambda term: layout.index(term.parameter))
 
 
 def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
-    """The program of pose terms, which stand in the order of `order_by_parameter`."""
+    """Compile pose terms, in the order of `order_by_parameter`, to a program."""
     layout = arm.layout
     parameter = np.array(layout.indices(term.parameter for term in terms), dtype=np.int64)
     groups = [*range(0, layout.tip.start, PER_JOINT), layout.tip.start, layout.base.start]
@@ -64,9 +64,9 @@ def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
 
 
 def pack_program(program: Program, constants: F64) -> FlatModel:
-    """A model for the kernel, for samples one by one, still to be folded; *constants* (P,).
+    """Pack a model for the kernel, for samples one by one, still to be folded; *constants* (P,).
 
-    One by one, because a live sample comes alone, to cold caches: 64 wide the scratch is 50 KB.
+    One by one, because a live sample comes alone, to cold caches: scratch for 64 samples is 50 KB.
     """
     n = ParameterLayout.from_count(len(constants)).n_joints
     n_terms, n_factors = len(program.parameter), len(program.factors)
@@ -83,7 +83,7 @@ def pack_program(program: Program, constants: F64) -> FlatModel:
 
 
 def _gravity(arm: Arm) -> F64:
-    """`Program.gravity`, masses scaled so that mass moment × unit gravity is in Nm."""
+    """Return `Program.gravity`, masses scaled so that mass moment × unit gravity is in Nm."""
     kg, centre_mm = list_link_masses(arm)
     newton_per_mm = STANDARD_GRAVITY / 1000
     table = np.zeros((arm.n_joints + 1, 4))

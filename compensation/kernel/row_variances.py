@@ -1,12 +1,13 @@
-"""Covariances of many samples, each at its own temperatures and time.
+"""Compute covariances of many samples, each at its own temperatures and time.
 
-The sum is the live path's (GUM, law of propagation: J Σ J' with Σ of the identified parameters and
-coefficients, the encoders and the sensors). Live it is brought to few columns when a temperature
-arrives, so that a sample comes cheap; here it is taken whole, and put together once for neighbours
-of equal temperatures.
+The sum is that of the live path (GUM, law of propagation): J Σ J' with Σ of the identified
+parameters and coefficients, the encoders and the sensors. The live path reduces Σ to few columns
+when a temperature arrives, so that a sample is cheap. Here Σ is used whole, and assembled once for
+neighbours of equal temperatures.
 
-Derivatives are worked out for a block of samples, whatever their temperatures
-(`compute_block_jacobian`); the products of a run of equal temperatures go four rows of Σ at a time.
+Derivatives are computed for a block of samples, whatever their temperatures
+(`compute_block_jacobian`). The products of a run of equal temperatures take four rows of Σ at a
+time.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from armd.compensation.kernel.pose_factors import evaluate_factors
 from armd.compensation.kernel.slow_factors import SlowProgram, evaluate
 from armd.compiled.jit import jit, unlocked
 
-#: Three axes of a block's samples, one after another.
+#: The numbers of a block's samples along three axes, one axis after another.
 AXES = 3 * W
 
 
@@ -47,28 +48,29 @@ def compute_row_variances(
     q: F64, rate: F64, approach: F64, flat: FlatModel, parts: Parts, rows: I64, floor: float,
     covariance: F64,
 ) -> None:  # fmt: skip
-    """Covariances (n, 6) in mm², xx xy xz yy yz zz, of n samples, at *celsius* (n, S), *unix_s*.
+    """Compute covariances (n, 6) in mm², xx xy xz yy yz zz, of n samples.
 
-    *values* (n, L+T) are their slow factors'; *more_c* is a sensor's standard deviation; *rows*,
-    *parts* and *floor* are of `covariance.Uncertainty`.
+    The samples are at *celsius* (n, S) and *unix_s*. *values* (n, L+T) are their slow factors';
+    *more_c* is a sensor's standard deviation; *rows*, *parts* and *floor* are of
+    `covariance.Uncertainty`.
     """
     folded, program, work = open_flat(flat)
     n_joints, posed = q.shape[1], len(program.parameter) > 0
     count, n = len(folded.parameters), len(rows)
     matrix, scratch = np.empty((n, n)), np.empty(n)
     changes = np.empty((celsius.shape[1] + 2 if more_c else 2, values.shape[1]))
-    # Rows of Σ are taken four at a time: those after the last one are zero.
+    # Rows of Σ are taken four at a time, so zero rows follow the last one.
     padded = np.zeros((n + 3 - (n + 3) % 4, n + 3 - (n + 3) % 4))
     along = np.empty(4 * AXES)
     total = np.empty(6 * W)
-    # Of each sample of a block: is it the first with its temperatures; parameters, coefficients.
+    # For each sample of a block: whether its temperatures are new; parameters, coefficients.
     begins = np.empty(W, np.bool_)
     parameters, with_pose = np.empty((count, W)), np.empty((count, W))
     coefficients = np.empty((len(program.parameter), W))
     derivatives = make_work(n_joints, 3 + 3 * len(program.parameter))
     places = _places(rows, count, n_joints, len(padded), derivatives)
     flat_derivatives = derivatives.reshape(derivatives.size)
-    settled = False  # all samples of the block before had one row of parameters, which still holds
+    settled = False  # the samples of the last block had one row of parameters, still valid
     for start in range(0, len(q), W):
         m = min(W, len(q) - start)
         changed = False
@@ -125,7 +127,7 @@ def compute_row_variances(
 
 @jit
 def _take_column(folded: Folded, i: int, parameters: F64, coefficients: F64) -> None:
-    """What is folded now, as that of sample *i* of the block."""
+    """Store the folded parameters and coefficients as those of sample *i* of the block."""
     for p in range(len(parameters)):
         parameters[p, i] = folded.parameters[p]
     for t in range(len(coefficients)):
@@ -136,7 +138,7 @@ def _take_column(folded: Folded, i: int, parameters: F64, coefficients: F64) -> 
 def _add_pose_terms(
     parameters: F64, coefficients: F64, program: Program, work: Work, m: int, with_pose: F64
 ) -> None:
-    """The parameters of each sample with its pose terms into *with_pose* (P, W)."""
+    """Fill *with_pose* (P, W) with the parameters of each sample, including its pose terms."""
     for p in range(len(parameters)):
         for i in range(W):
             with_pose[p, i] = parameters[p, i]
@@ -148,10 +150,10 @@ def _add_pose_terms(
 
 @jit
 def _places(rows: I64, count: int, n_joints: int, padded: int, derivatives: F64) -> I64:
-    """Where x, y, z of a block's samples begin, moved by a unit of each of *rows* (R,), among the
-    numbers of *derivatives*.
+    """Return the offsets of the derivatives by each of *rows* (R,) in *derivatives*.
 
-    Pose terms and rows of zeros, up to *padded* rows, have room at its end.
+    They are the flat indices of the x, y, z of a block's samples. Pose terms and zero rows, up to
+    *padded* rows, are at the end.
     """
     places = np.empty(padded, np.int64)
     zeros = len(derivatives) - 3
@@ -173,7 +175,7 @@ def _weigh(
     rows: I64, count: int, n_joints: int, program: Program, work: Work, derivatives: F64, m: int,
     places: I64,
 ) -> None:  # fmt: skip
-    """How far a unit of each pose term's coefficient moves the tip, to its place."""
+    """Fill the derivatives of the tip by the coefficient of each pose term."""
     for row in range(len(rows)):
         if rows[row] >= count:
             for i in range(m):
@@ -187,13 +189,13 @@ def _weigh(
 def _multiply(
     matrix: F64, moved: F64, places: I64, low: int, high: int, along: F64, total: F64
 ) -> None:
-    """J Σ J' of the samples *low* … *high* − 1 of a block, all of one *matrix*, into *total*."""
+    """Add J Σ J' of the samples *low* … *high* − 1 of a block, all of one *matrix*, to *total*."""
     for part in range(6):
         for i in range(low, high):
             total[part * W + i] = 0.0
     is_whole = low == 0 and high == W
     n = AXES if is_whole else high - low
-    # Views that begin where a loop does: LLVM leaves a loop alone whose index may be negative.
+    # Views begin where a loop begins: LLVM does not vectorise a loop whose index may be negative.
     for a in range(0, len(matrix), 4):
         for j in range(4 * AXES):
             along[j] = 0.0
@@ -234,7 +236,7 @@ def _add_sixteen(
 
 @jit
 def _add_within(matrix: F64, a: int, p: F64, r: F64, s: F64, n: int, along: F64) -> None:
-    """The same of the columns before each of the four rows that are among them."""
+    """Add the products of `_add_sixteen` within the four rows, for columns before each row."""
     b0 = matrix[a + 1, a]
     c0, c1 = matrix[a + 2, a], matrix[a + 2, a + 1]
     d0, d1, d2 = matrix[a + 3, a], matrix[a + 3, a + 1], matrix[a + 3, a + 2]
@@ -246,8 +248,11 @@ def _add_within(matrix: F64, a: int, p: F64, r: F64, s: F64, n: int, along: F64)
 
 @jit
 def _add_products(weight: float, moved: F64, along: F64, n: int, total: F64) -> None:
-    """Add one row's products to a block's covariances (6 W,): with itself by *weight*, with all
-    rows before it by *along* (3 W,), the sum of theirs by their weights."""
+    """Add one row's products to a block's covariances (6 W,).
+
+    The products are with itself by *weight*, and with *along* (3 W,), the weighted sum of all rows
+    before it.
+    """
     for i in range(n):
         x, y, z = moved[i], moved[W + i], moved[2 * W + i]
         along_x, along_y, along_z = along[i], along[W + i], along[2 * W + i]

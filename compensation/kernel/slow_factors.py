@@ -1,7 +1,7 @@
-"""The slow factors of terms at one instant: what a temperature that arrives live costs.
+"""The slow factors of terms at one instant, evaluated when a live temperature arrives.
 
-The same functions as `basis` evaluates for many readings, translated once into flat arrays, so
-that an instant is one compiled call; a test holds the two together.
+The functions are those that `basis` evaluates for many readings. They are translated once into flat
+arrays, so that an instant is one compiled call; a test compares the two.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ class SlowProgram(NamedTuple):
 
     weights: F64  # (D, S) of distinct mean temperatures, each delayed by a lag of its own
     lag_s: F64  # (D,)
-    memory: F64  # (D, 3) how far each lag has come, as `model.state.advance` has it
+    memory: F64  # (D, 3) the state of each lag, as in `model.state.update_lag`
     factors: I64  # (F, 3) distinct factors: kind, mean temperature or power, a second such
-    numbers: F64  # (F, 3) what else a factor is made of
+    numbers: F64  # (F, 3) the other numbers of a factor
     factor_first: I64  # (T+1,) where a term's factors begin in `term_factors`
     term_factors: I64  # rows of `factors`
     means: F64  # (D,) scratch: values of the mean temperatures …
@@ -39,7 +39,7 @@ class SlowProgram(NamedTuple):
 
 
 class SlowFactors:
-    """Products of each term's slow factors, one instant after the other.
+    """The product of each term's slow factors, one instant after the other.
 
     A sensor without weight may be missing; a missing one with weight, or a missing time, gives NaN.
     """
@@ -71,17 +71,17 @@ class SlowFactors:
         )
 
     def values(self, celsius: F64, unix_s: float, more_c: float = 0.0) -> tuple[F64, F64]:
-        """Values (T,) at temperatures (S,) °C; lags are followed from call to call.
+        """Compute values (T,) at temperatures (S,) °C; lags are followed from call to call.
 
-        And what they do, (S, T), if one sensor reads *more_c* more, as if every lag had settled;
-        (0, T) for 0.
+        Also return their changes (S, T) if one sensor reads *more_c* more, as if every lag had
+        settled; (0, T) for 0.
         """
         rows = np.empty((self._n_sensors + 2 if more_c else 1, self._n_terms))
         evaluate(celsius, unix_s, more_c, self._program, rows)
         return rows[0], rows[2:]
 
     def copy_program(self) -> SlowProgram:
-        """A copy whose lags and scratch are its own, for `evaluate` in any thread."""
+        """Return a copy with separate lags and scratch, for `evaluate` in any thread."""
         program = self._program
         return program._replace(
             memory=np.full_like(program.memory, np.nan),
@@ -90,18 +90,18 @@ class SlowFactors:
         )
 
     def forget(self) -> None:
-        """The next temperatures start the lags, settled."""
+        """Restart the lags, settled at the next temperatures."""
         self._program.memory[:] = np.nan
 
     def delay(self, name: str, value: F64, time_s: F64, lag_s: float) -> F64:
-        """Follows the same lags through many instants: a `Delay` for `compute_basis_values`."""
+        """Follow the same lags through many instants: a `Delay` for `compute_basis_values`."""
         row = self._mean_of[name]
         memory = self._program.memory[row : row + 1]
         return follow_lag(time_s, value[:, None], lag_s, memory)[:, 0]
 
 
 def _row(factor: SlowFactor, mean_of: dict[str, int], reference_c: float) -> tuple[list[int], F64]:
-    """Rows of `SlowProgram.factors` and `SlowProgram.numbers`."""
+    """Return rows of `SlowProgram.factors` and `SlowProgram.numbers`."""
     means = [mean_of[name_delay(*mean)] for mean in factor.means]
     kind, first, second, numbers = factor.slow_code(means, reference_c)
     return [KINDS.index(kind), first, second], np.pad(numbers, (0, 3 - len(numbers)))
@@ -109,7 +109,9 @@ def _row(factor: SlowFactor, mean_of: dict[str, int], reference_c: float) -> tup
 
 @jit
 def evaluate(celsius: F64, unix_s: float, more_c: float, program: SlowProgram, rows: F64) -> None:
-    """Row 0 as it is, row 1 with settled lags, row 2 + s what sensor s changes in that."""
+    """Evaluate all terms: row 0 with lags, row 1 with settled lags, row 2 + s the change by sensor
+    s.
+    """
     weights, lag_s, memory, factors, numbers, factor_first, term_factors, means, values = program
     for row in range(len(rows)):
         for d in range(len(lag_s)):
@@ -148,7 +150,7 @@ def _set_factors(unix_s: float, means: F64, factors: I64, numbers: F64, values: 
         elif kind == RATE:
             value = (means[a] - means[b]) / number
         elif kind in (TIME, RELAXATION, DAY):
-            value = unix_s  # NaN stays
+            value = unix_s  # NaN stays NaN
             if value < number:
                 value = number
             if value > limit:

@@ -1,1 +1,1 @@
-"""What an arm is: its parameters, terms, calibration, kinematics, gravity and state."""
+"""The model of an arm: parameters, terms, calibration, kinematics, gravity and state."""

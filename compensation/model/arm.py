@@ -1,4 +1,4 @@
-"""`arm.toml`: what the arm is, before anything is measured."""
+"""The content of `arm.toml`: the nominal arm, before any measurement."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ Celsius = Annotated[float, Field(ge=-273.15, le=1000)]
 Offset = Annotated[tuple[Millimetres, Millimetres, Millimetres], Field(description="x, y, z")]
 
 
-#: Columns of readings that are no sensor's.
+#: Columns of readings that do not belong to a sensor.
 TAKEN = re.compile(
     r"time_s|placement|target|artefact_c|[qw](?:[1-9]|1\d|20)|approach_[xyz]|[xyz]_mm"
 )
-#: Thirds written with two digits still make a mean.
+#: Weights such as thirds with two digits still sum to 1.
 WEIGHTS_OFF = 0.011
 #: Consecutive axes closer to parallel than this need Hayati's β.
 PARALLEL_DEG = 5.0
 
 
-_layout = cache(ParameterLayout)  # which keeps the names that it has looked up
+_layout = cache(ParameterLayout)  # cached, because a layout keeps the names that it has looked up
 
 
 class TemperatureSensor(Strict):
@@ -59,7 +59,7 @@ class Joint(Strict):
 
     @property
     def weights(self) -> dict[str, float]:
-        """Sensor name → weight; empty for a joint that stays at the reference temperature."""
+        """The weight of each sensor; empty for a joint that stays at the reference temperature."""
         if self.temperature is None:
             return {}
         return {self.temperature: 1.0} if isinstance(self.temperature, str) else self.temperature
@@ -113,45 +113,45 @@ class Arm(Strict):
 
     @property
     def layout(self) -> ParameterLayout:
-        """Where its parameters stand."""
+        """The layout of its parameters."""
         return _layout(self.n_joints)
 
     @property
     def sensors(self) -> list[str]:
-        """Sensor names in the order of the wire's channels."""
+        """The sensor names in the order of the wire's channels."""
         return [sensor.name for sensor in self.temperature_sensor]
 
     @property
     def used_sensors(self) -> list[str]:
-        """Those whose temperature a joint has, by a weight that is not 0; in the same order."""
+        """The sensors with a non-zero weight in a joint's temperature; in the same order."""
         return [s for s in self.sensors if any(joint.weights.get(s) for joint in self.joint)]
 
     @property
     def used_columns(self) -> list[int]:
-        """Where these stand among all sensors."""
+        """The indices of the used sensors among all sensors."""
         return [self.sensors.index(name) for name in self.used_sensors]
 
     @property
     def reach_mm(self) -> float:
-        """As drawn, no joint's lever to the tip is longer."""
+        """The upper limit of a joint's lever to the tip, in the nominal geometry."""
         links = sum(math.hypot(joint.a_mm, joint.d_mm) for joint in self.joint)
         return links + math.hypot(*self.tip.offset_mm)
 
     @property
     def limits_rad(self) -> tuple[F64, F64]:
-        """(N,) lowest and highest angles of the joints, ∓inf where arm.toml has none."""
+        """The lowest and highest angles (N,) of the joints, ∓inf where arm.toml has none."""
         low = [-math.inf if joint.min_deg is None else joint.min_deg for joint in self.joint]
         high = [math.inf if joint.max_deg is None else joint.max_deg for joint in self.joint]
         return np.radians(low), np.radians(high)
 
     @property
     def range_rad(self) -> tuple[F64, F64]:
-        """The same; a joint without limits turns half a turn either way."""
+        """The lowest and highest angles (N,); ∓π where arm.toml has none."""
         low, high = self.limits_rad
         return np.where(np.isinf(low), -np.pi, low), np.where(np.isinf(high), np.pi, high)
 
     def nominal(self) -> F64:
-        """The drawing's parameter vector (5 N + 9,), in mm and rad, ordered as `parameters`."""
+        """Return the nominal parameter vector (5 N + 9,), mm and rad, ordered as `parameters`."""
         layout = self.layout
         values = np.zeros(layout.count)
         for k, joint in enumerate(self.joint, 1):

@@ -1,7 +1,7 @@
-"""What a term's basis is worth at each reading: plain arrays, for identification and diagnosis.
+"""Compute the values of terms' bases at each reading, with numpy arrays.
 
-The kernel evaluates the same functions block by block for the live path; a test holds the two
-together.
+Identification and diagnosis use this module. The kernel evaluates the same functions block by block
+for the live path; a test compares the two.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ def compute_basis_values(
     constants: F64,
     delay: Delay | None = None,
 ) -> F64:
-    """The product of each term's factors at each row, (n, T).
+    """Compute the product (n, T) of each term's factors at each row.
 
     *constants* (P,) pose the gravity factors and the tip's frame. A missing rate or approach
     contributes nothing (0); a missing temperature or time gives NaN. Lags are followed within each
-    series of *states*, unless the live path brings its own *delay*.
+    series of *states*, unless the live path passes its own *delay*.
     """
     instants = Instants(states, arm, reference_c, constants, delay)
     factor_values: dict[str, F64] = {}  # each distinct factor is evaluated once
-    values = np.ones((len(terms), states.n))  # each in one piece of memory
+    values = np.ones((len(terms), states.n))  # each contiguous in memory
     for t, term in enumerate(terms):
         for factor in term.basis:
             key = factor.model_dump_json()
@@ -47,8 +47,10 @@ def compute_basis_values(
 def compute_tip_motion(
     terms: Sequence[Term], states: States, arm: Arm, reference_c: float, constants: F64, jac: F64
 ) -> F64:
-    """How far terms move the tip (n, 3) mm, to first order, by its Jacobian *jac* (n, 3, P); what
-    is missing moves nothing."""
+    """Compute how far terms move the tip (n, 3) mm, to first order.
+
+    *jac* (n, 3, P) is the tip's Jacobian. Terms with a missing temperature or time move nothing.
+    """
     values = np.nan_to_num(compute_basis_values(terms, states, arm, reference_c, constants))
     moved = np.zeros(jac.shape[:2])
     for term, value in zip(terms, values.T, strict=True):
@@ -57,7 +59,7 @@ def compute_tip_motion(
 
 
 def compute_parameter_rows(constants: F64, terms: Sequence[Term], values: F64) -> F64:
-    """Parameters (n, P) of each row: *constants* (P,) + Σ coefficient · *values* (n, T)."""
+    """Compute parameters (n, P) of each row: *constants* (P,) + Σ coefficient · *values* (n, T)."""
     layout = ParameterLayout.from_count(len(constants))
     rows = np.tile(constants, (len(values), 1))
     for term, value in zip(terms, values.T, strict=True):

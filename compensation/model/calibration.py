@@ -1,9 +1,8 @@
-"""`calibration.json`: identified constants and terms, where they hold, where they come from.
+"""`calibration.json`: identified constants and terms, their range of validity, their origin.
 
-Two hashes: `content_sha256` inside the file guards its content against edits and damage; the
-file's own SHA-256 is its identity, whose first eight bytes every point carries. Both are taken of
-the bytes as they were read, once: what a field that the file does not have would default to is no
-part of either.
+There are two hashes. `content_sha256` inside the file protects its content against edits and
+damage. The file's own SHA-256 is its identity; every point carries its first eight bytes. Both are
+computed once from the bytes as read, so defaults of missing fields are part of neither.
 """
 
 from __future__ import annotations
@@ -32,17 +31,17 @@ from armd.files.writing import write_whole
 
 #: A diagnosis writes dozens; a sample pays 5 ns for each that depends on the pose.
 MOST_TERMS = 10_000
-#: Checked at once: one call of the validator must not hold up the thread with the points.
+#: The terms checked in one call: the validator must not delay the thread that streams points.
 TERMS_AT_ONCE = 100
-#: Beyond this a constant is no arm's: 100 m, and 100 rad are sixteen turns.
+#: Larger values cannot be an arm's constants: 100 m, and 100 rad are sixteen turns.
 MOST_MM, MOST_RAD, MOST_K = 1e5, 100.0, 1e3
 
-#: By so much a correlation may be off as numbers written with five digits round it.
+#: The tolerance of a correlation, because numbers with five digits are rounded.
 MOST_ROUNDED = 1e-4
 
 
 class Noise(Strict):
-    """What the identification saw: the floor of every uncertainty."""
+    """The noise that the identification estimated: the floor of every uncertainty."""
 
     #: per joint, standard deviation
     encoder_rad: Annotated[
@@ -55,9 +54,9 @@ class Noise(Strict):
 
 
 class ArtefactCorrection(Strict):
-    """What a diagnosis found wrong with the artefact; `evaluate` applies it, `correct` does not."""
+    """Errors of the artefact, found by a diagnosis; `evaluate` applies them, `correct` does not."""
 
-    #: names of the artefacts that it was found on; empty (older files): any
+    #: names of the artefacts with these errors; empty (older files): any
     artefacts: list[str] = []
 
     expansion_per_k: float | None = None
@@ -74,7 +73,7 @@ class Calibration(Strict):
     arm: str
     created: str  # ISO 8601, UTC
     reference_temperature_c: Celsius
-    #: sensor name → [lowest, highest] °C seen by the identification; empty: not thermal
+    #: sensor name → [lowest, highest] °C during the identification; empty: not thermal
     temperature_range_c: dict[str, tuple[float, float]] = {}
     #: K/h; a faster change sets flag 3
     max_temperature_rate_k_per_h: Annotated[float, Field(gt=0)] | None = None
@@ -101,7 +100,7 @@ class Calibration(Strict):
         return self
 
     def _refuse_indefinite(self) -> None:
-        """Raise `ValueError` where the covariance is none: asymmetric, or a variance below 0."""
+        """Raise `ValueError` for an asymmetric covariance or one with a negative variance."""
         if not self.covariance:
             return
         covariance = np.array(self.covariance)
@@ -129,12 +128,12 @@ class Calibration(Strict):
             )
 
     def vector(self, n_joints: int) -> F64:
-        """Constants as the parameter vector (5 N + 9,)."""
+        """Return the constants as the parameter vector (5 N + 9,)."""
         names = ParameterLayout(n_joints).names
         return np.array([self.constants.get(name, 0.0) for name in names])
 
     def content(self) -> dict[str, Any]:
-        """All but the hash, as plain JSON data."""
+        """Return all fields except the hash, as plain JSON data."""
         return self.model_dump(mode="json", by_alias=True, exclude={"content_sha256"})
 
 
@@ -145,16 +144,16 @@ class LoadedCalibration:
     content: Calibration
     sha256: str
     path: Path
-    data: bytes = b""  # the file, as it was read
+    data: bytes = b""  # the bytes of the file as read
 
     @property
     def identity(self) -> int:
-        """First eight bytes of the SHA-256, as the point carries them (u64, little-endian)."""
+        """The first eight bytes of the SHA-256, as the point carries them (u64, little-endian)."""
         return int.from_bytes(bytes.fromhex(self.sha256)[:8], "little")
 
 
 def name_constants(vector: F64, n_joints: int) -> dict[str, float]:
-    """A parameter vector as the mapping a calibration stores."""
+    """Return a parameter vector as the mapping that a calibration stores."""
     return dict(zip(ParameterLayout(n_joints).names, map(float, vector), strict=True))
 
 
@@ -172,7 +171,7 @@ def load_calibration(path: str | Path, arm: Arm | None = None) -> LoadedCalibrat
 
 
 def parse_calibration(path: str | Path, data: bytes) -> Calibration:
-    """The content of *data*, the bytes of the file *path*; raises `BadInput`."""
+    """Parse *data*, the bytes of the file *path*; raises `BadInput`."""
     try:
         return _parse(path, data)
     except (MemoryError, RecursionError, ValueError) as error:
@@ -185,19 +184,20 @@ def save_calibration(
     calibration: Calibration,
     write: Callable[[str | Path, bytes], None] = write_whole,
 ) -> LoadedCalibration:
-    """Write whole or not at all; returns what a reader will load."""
+    """Write the calibration whole or not at all; return what a reader will load."""
     content = calibration.content()
     content["content_sha256"] = hash_content(content)
     data = (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
     write(path, data)
-    # Not read back: what goes to a pipe cannot be.
+    # Not read back, because a pipe cannot be read back.
     return LoadedCalibration(_parse(path, data), hashlib.sha256(data).hexdigest(), Path(path), data)
 
 
 def hash_content(content: Mapping[str, Any]) -> str:
-    """SHA-256 over the canonical JSON of *content*, its own key `content_sha256` left out.
+    """Compute the SHA-256 of the canonical JSON of *content* without its key `content_sha256`.
 
-    Canonical: keys sorted, no spaces. Lists are taken element by element, so that no call lasts.
+    Canonical: keys sorted, no spaces. Lists are encoded element by element, so that no call takes
+    long.
     """
     digest = hashlib.sha256(b"{")
     for i, key in enumerate(sorted(content.keys() - {"content_sha256"})):
@@ -221,7 +221,7 @@ def _canonical(value: Any) -> Iterator[str]:
 
 
 def _parse(path: str | Path, data: bytes) -> Calibration:
-    """The content of a file, checked; a value that cannot be is told rather than a wrong hash."""
+    """Parse and check a file's content; an impossible value is reported before a wrong hash."""
     content = load_json_data(path, data)
     if not isinstance(content, dict):
         raise BadInput(path, "the file", type(content).__name__, "an object, { … }")
@@ -230,7 +230,7 @@ def _parse(path: str | Path, data: bytes) -> Calibration:
         raise BadInput(path, "terms", f"{len(listed)} terms", f"{MOST_TERMS} at most")
     written = hash_content(content)
     if not isinstance(listed, list):
-        listed = []  # told by the validator
+        listed = []  # reported by the validator
     else:
         content = content | {"terms": []}
     calibration = validate(path, content, Calibration)
@@ -250,7 +250,7 @@ def _parse(path: str | Path, data: bytes) -> Calibration:
 
 
 class _Terms(Strict):
-    """Some of a calibration's terms."""
+    """A part of a calibration's terms."""
 
     terms: list[Term]
 
@@ -266,8 +266,10 @@ def _created_unix_s(path: str | Path, calibration: Calibration) -> float:
 
 
 def _ended(term: Term, created_unix_s: float) -> Term:
-    """A term that follows time, of a file that does not say until when it was seen to: nobody
-    measured after the file was made."""
+    """Return the term with an end of its period, if the file states none.
+
+    The end is the instant at which the file was made, because nobody measured later.
+    """
     if not any(isinstance(factor, Period) and factor.until_unix_s is None for factor in term.basis):
         return term
     basis = [
@@ -280,13 +282,13 @@ def _ended(term: Term, created_unix_s: float) -> Term:
 
 
 def list_used_sensors(arm: Arm, calibration: Calibration | None) -> set[str]:
-    """Names of the sensors that a joint or a term of the calibration depends on."""
+    """Return the names of the sensors that a joint or a term of the calibration depends on."""
     used = set(arm.used_sensors)
     return used | list_sensors(calibration.terms) if calibration is not None else used
 
 
 def list_sensors(terms: Sequence[Term]) -> set[str]:
-    """Names of the sensors that terms depend on, by a weight that is not 0."""
+    """Return the names of the sensors that terms depend on with a non-zero weight."""
     return {
         name
         for term in terms
@@ -321,8 +323,10 @@ def check_belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
 
 
 def check_terms(path: str | Path, terms: Sequence[Term], arm: Arm) -> None:
-    """Raise `BadInput`, which names *path*, unless all *terms* are of parameters, joints and
-    sensors of *arm*."""
+    """Raise `BadInput`, which names *path*, for terms that do not fit *arm*.
+
+    Each term must be of the arm's parameters, joints and sensors.
+    """
     parameter_names = set(arm.layout.names)
     for i, term in enumerate(terms, 1):
         if term.parameter not in parameter_names:

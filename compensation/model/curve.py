@@ -1,4 +1,7 @@
-"""A periodic cubic spline, by numpy alone: a daemon has no scipy. A test holds it to scipy's."""
+"""A periodic cubic spline with numpy alone, because a daemon has no scipy.
+
+A test compares it with scipy's.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,10 @@ from armd.arrays import F64
 
 
 def compute_curve_pieces(values: Sequence[float]) -> F64:
-    """The periodic cubic spline through values at 0, 1/n, … of a turn: (n, 4) cubics of the rad
-    since each piece's beginning, lowest power first.
+    """Compute the periodic cubic spline through values at 0, 1/n, … of a turn.
 
-    Its second derivatives s solve s₋ + 4s + s₊ = 6(v₋ − 2v + v₊)/h², around the turn: a circulant
+    Return cubics (n, 4) of the rad since the beginning of each piece, lowest power first. The
+    second derivatives s solve s₋ + 4s + s₊ = 6(v₋ − 2v + v₊)/h², around the turn: a circulant
     system, which the Fourier transform makes diagonal.
     """
     v, n = np.asarray(values, dtype=np.float64), len(values)
@@ -28,7 +31,7 @@ def compute_curve_pieces(values: Sequence[float]) -> F64:
 
 
 def evaluate_curve(values: Sequence[float], angle: F64) -> F64:
-    """That spline at angles (n,) rad."""
+    """Evaluate the spline of `compute_curve_pieces` at angles (n,) rad."""
     pieces = compute_curve_pieces(values)
     h = math.tau / len(pieces)
     turned = np.mod(angle, math.tau)

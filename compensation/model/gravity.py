@@ -1,8 +1,8 @@
 """Gravity on the links: torques about the joints, moments and directions in the link frames.
 
-A link is what moves with its joint. Where arm.toml gives no mass, a link weighs 1 kg per metre
-between its joint and the next (the last link: to the tip); where it gives no centre of mass, that
-is the middle of the same stretch.
+A link is the body that moves with its joint. Without a mass in arm.toml, a link has 1 kg per metre
+between its joint and the next (the last link: to the tip). Without a centre of mass, it is the
+middle of the same stretch.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ DEFAULT_KG_PER_M = 1.0
 
 
 def list_link_masses(arm: Arm) -> tuple[F64, F64]:
-    """Mass (N,) in kg and centre of mass (N, 3) in mm, in the outgoing frame of each link."""
+    """Return mass (N,) in kg and centre of mass (N, 3) in mm, in each link's outgoing frame."""
     kg, centre_mm = np.empty(arm.n_joints), np.empty((arm.n_joints, 3))
     for k, joint in enumerate(arm.joint):
         # From the link's end back to its joint: −(a, 0, d) seen after Rx(α)·Ry(β).
@@ -37,7 +37,7 @@ def list_link_masses(arm: Arm) -> tuple[F64, F64]:
 
 
 def compute_gravity_torques(q: F64, p: F64, arm: Arm) -> F64:
-    """Torque of gravity (n, N) in Nm about each joint's axis, positive with the joint's angle."""
+    """Compute gravity's torque (n, N) in Nm about each joint's axis, positive with the angle."""
     origins, rotations = compute_frames(q, p)
     torques = np.empty(q.shape)
     for k in range(arm.n_joints):
@@ -48,7 +48,10 @@ def compute_gravity_torques(q: F64, p: F64, arm: Arm) -> F64:
 
 
 def compute_gravity_moments(q: F64, p: F64, arm: Arm) -> F64:
-    """Moment (n, N, 3) in Nm of all links beyond a link, about its end, in its outgoing frame."""
+    """Compute the moment (n, N, 3) in Nm of all links beyond a link.
+
+    It is about the link's end, in its outgoing frame.
+    """
     origins, rotations = compute_frames(q, p)
     moments = np.empty((*q.shape, 3))
     for k in range(1, arm.n_joints + 1):
@@ -58,14 +61,16 @@ def compute_gravity_moments(q: F64, p: F64, arm: Arm) -> F64:
 
 
 def compute_gravity_directions(q: F64, p: F64, arm: Arm) -> F64:
-    """Unit vector of gravity (n, N, 3) in each link's outgoing frame."""
+    """Compute the unit vector of gravity (n, N, 3) in each link's outgoing frame."""
     rotations = compute_frames(q, p)[1]
     directions: F64 = np.einsum("i,nkij->nkj", np.array(arm.gravity), rotations[:, 1:])
     return directions
 
 
 def _moment(origins: F64, rotations: F64, arm: Arm, about: F64, first: int) -> F64:
-    """Moment (n, 3) in Nm, base frame, of links *first* (from 0) onwards about points (n, 3)."""
+    """Compute the moment (n, 3) in Nm, base frame, of links *first* (from 0) onwards about points
+    (n, 3).
+    """
     kg, centre_mm = list_link_masses(arm)
     lever_times_kg = np.zeros((len(origins), 3))
     for j in range(first, arm.n_joints):

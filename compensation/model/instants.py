@@ -1,4 +1,4 @@
-"""What a factor may ask of the instants at which it is wanted, each answer worked out once."""
+"""The instants at which factors are evaluated; each quantity is computed once."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Delay = Callable[[str, F64, F64, float], F64]
 
 
 def name_delay(weights: dict[str, float], lag_s: float) -> str:
-    """What tells one delayed mean of temperatures from another."""
+    """Return a name that is unique to a delayed mean of temperatures."""
     return f"{weights} {lag_s}"
 
 
 class Instants:
-    """States of an arm, and what gravity and the pose make of them; *constants* (P,) pose it.
+    """States of an arm, with gravity and pose derived from them; *constants* (P,) pose it.
 
-    Lags are followed within each series of the states, unless a *delay* is brought.
+    Lags are followed within each series of the states, unless a *delay* is given.
     """
 
     def __init__(
@@ -42,8 +42,8 @@ class Instants:
     ) -> None:
         self.reference_c = reference_c
         self._states = states
-        # Not its own method: that would keep it, and a piece of a file with it, until the next
-        # collection of garbage.
+        # Not a bound method of this object: that would keep it, and a piece of a file with it,
+        # until the next garbage collection.
         self._delay = delay
         self._arm = arm
         self._constants = constants
@@ -51,48 +51,48 @@ class Instants:
 
     @property
     def q(self) -> F64:
-        """(n, N) rad."""
+        """The joint angles (n, N) in rad."""
         return self._states.q
 
     @property
     def time_s(self) -> F64:
-        """(n,) Unix seconds."""
+        """The times (n,) in Unix seconds."""
         return self._states.time_s
 
     @cached_property
     def rate(self) -> F64:
-        """(n, N) rad/s, 0 where missing."""
+        """The joint rates (n, N) in rad/s, 0 where missing."""
         return np.nan_to_num(self._states.rate)
 
     @cached_property
     def approach(self) -> F64:
-        """(n, 3) unit vector, base frame, 0 where missing."""
+        """The direction of approach (n, 3), a unit vector in the base frame, 0 where missing."""
         return np.nan_to_num(self._states.approach)
 
     @cached_property
     def approach_of_tip(self) -> F64:
-        """(n, 3) the same in the last frame."""
+        """The direction of approach (n, 3) in the last frame."""
         last = compute_pose(self.q, self._constants)[1]
         turned: F64 = np.einsum("ni,nij->nj", self.approach, last)
         return turned
 
     @cached_property
     def gravity_torques(self) -> F64:
-        """(n, N) Nm."""
+        """The torques of gravity (n, N) in Nm."""
         return compute_gravity_torques(self.q, self._constants, self._arm)
 
     @cached_property
     def gravity_directions(self) -> F64:
-        """(n, N, 3) unit vectors."""
+        """The directions of gravity (n, N, 3), unit vectors."""
         return compute_gravity_directions(self.q, self._constants, self._arm)
 
     @cached_property
     def gravity_moments(self) -> F64:
-        """(n, N, 3) Nm."""
+        """The moments of gravity (n, N, 3) in Nm."""
         return compute_gravity_moments(self.q, self._constants, self._arm)
 
     def mean_c(self, weights: dict[str, float], lag_s: float) -> F64:
-        """Σ weight·T (n,), delayed; a sensor without weight may be missing."""
+        """Return Σ weight·T (n,), delayed; a sensor without weight may be missing."""
         name = name_delay(weights, lag_s)
         if name not in self._means:
             value = np.zeros(self._states.n)

@@ -1,8 +1,8 @@
 """Forward kinematics and its exact derivatives, for many rows at once.
 
-A joint's row is A = Rz(θ+θ0)·Tz(d)·Tx(a)·Rx(α)·Ry(β); in front of joint 1 stands the base's
-displacement Trans(x, y, z)·Rz·Ry·Rx. Lengths in mm, angles in rad, parameters as `parameters`
-orders them: one vector (P,) for all rows or one per row (n, P).
+A joint's row is A = Rz(θ+θ0)·Tz(d)·Tx(a)·Rx(α)·Ry(β); before joint 1 comes the base's displacement
+Trans(x, y, z)·Rz·Ry·Rx. Lengths in mm, angles in rad, parameters in the order of `parameters`: one
+vector (P,) for all rows or one per row (n, P).
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ from armd.compiled.jit import inlined, jit, unlocked
 
 
 def compute_pose(q: F64, p: F64) -> tuple[F64, F64]:
-    """Tip position (n, 3) in mm and rotation (n, 3, 3) of the last frame, of angles (n, N) rad."""
+    """Compute tip position (n, 3) in mm and rotation (n, 3, 3) of the last frame.
+
+    *q* (n, N): angles in rad.
+    """
     q, p = _rows(q, p)
     position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
     _forward(q, p, position, rotation)
@@ -26,19 +29,19 @@ def compute_pose(q: F64, p: F64) -> tuple[F64, F64]:
 
 
 def clear_partial_positions(position_mm: F64) -> None:
-    """Set all of a position (n, 3) to NaN where one coordinate is: it is known as a whole.
+    """Set a whole position (n, 3) to NaN where one coordinate is NaN.
 
-    What a missing temperature moves may be one coordinate alone: the length of a vertical link.
+    A missing temperature may affect one coordinate alone, as in the length of a vertical link.
     """
     is_missing = np.isnan(position_mm)
-    if is_missing.any():  # seldom, and five times as fast to ask of all at once
+    if is_missing.any():  # seldom, and testing all at once is five times as fast
         position_mm[is_missing.any(axis=1)] = np.nan
 
 
 def compute_frames(q: F64, p: F64) -> tuple[F64, F64]:
-    """Origins (n, N+1, 3) and rotations (n, N+1, 3, 3) of all frames; [:, 0] is the base's.
+    """Compute origins (n, N+1, 3) and rotations (n, N+1, 3, 3) of all frames.
 
-    Frame k ≥ 1 is the outgoing link frame of joint k: A_1 ⋯ A_k applied.
+    [:, 0] is the base's. Frame k ≥ 1 is the outgoing link frame of joint k: A_1 ⋯ A_k applied.
     """
     q, p = _rows(q, p)
     n, n_joints = q.shape
@@ -49,7 +52,7 @@ def compute_frames(q: F64, p: F64) -> tuple[F64, F64]:
 
 
 def compute_jacobian(q: F64, p: F64) -> tuple[F64, F64]:
-    """Tip position (n, 3) mm and its derivatives (n, 3, P) by every parameter, analytic."""
+    """Compute tip position (n, 3) mm and its analytic derivatives (n, 3, P) by every parameter."""
     q, p = _rows(q, p)
     position = np.empty((len(q), 3))
     derivatives = np.empty((len(q), 3, p.shape[1]))
@@ -58,13 +61,13 @@ def compute_jacobian(q: F64, p: F64) -> tuple[F64, F64]:
 
 
 def compute_joint_jacobian(q: F64, p: F64) -> F64:
-    """Derivatives (n, 3, N) of the tip position by the joint angles, mm/rad."""
+    """Compute the derivatives (n, 3, N) of the tip position by the joint angles, mm/rad."""
     angles = ParameterLayout(q.shape[1]).angles
     return np.ascontiguousarray(compute_jacobian(q, p)[1][:, :, angles])
 
 
 def compute_motion_directions(q: F64, rate: F64, p: F64) -> F64:
-    """Unit vectors (n, 3) along which the tip moves at joint rates (n, N); NaN where it rests."""
+    """Compute unit vectors (n, 3) of the tip's motion at joint rates (n, N); NaN at rest."""
     velocity = np.einsum("nij,nj->ni", compute_joint_jacobian(q, p), rate)
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
     unit: F64 = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 0)
@@ -72,7 +75,7 @@ def compute_motion_directions(q: F64, rate: F64, p: F64) -> F64:
 
 
 def _rows(q: F64, p: F64) -> tuple[F64, F64]:
-    """C-ordered two-dimensional arrays, so that one compiled signature serves all callers."""
+    """Return C-ordered two-dimensional arrays, so that one compiled signature suffices."""
     q = np.ascontiguousarray(q, dtype=np.float64)
     p = np.atleast_2d(np.ascontiguousarray(p, dtype=np.float64))
     n, n_joints = q.shape
@@ -83,7 +86,7 @@ def _rows(q: F64, p: F64) -> tuple[F64, F64]:
 
 @jit
 def _base(p: F64, origin: F64, rotation: F64) -> None:
-    """The base frame from the last six parameters *p*."""
+    """Fill the base frame from the last six parameters *p*."""
     cx, sx = math.cos(p[3]), math.sin(p[3])
     cy, sy = math.cos(p[4]), math.sin(p[4])
     cz, sz = math.cos(p[5]), math.sin(p[5])
@@ -102,8 +105,10 @@ def _turn_on(
     ct: float, st: float, ca: float, sa: float, cb: float, sb: float,
     row: F64, origin: F64, rotation: F64, origin_to: F64, rotation_to: F64,
 ) -> None:  # fmt: skip
-    """One joint: from the frame before to the outgoing frame, of the cosines and sines of θ, α and
-    β."""
+    """Compute a joint's outgoing frame from the frame before it.
+
+    *ct* … *sb* are the cosines and sines of θ, α and β.
+    """
     for i in range(3):
         x, y, z = rotation[i, 0], rotation[i, 1], rotation[i, 2]
         x, y = ct * x + st * y, ct * y - st * x  # Rz
@@ -116,8 +121,10 @@ def _turn_on(
 
 @jit
 def compute_twists(row: F64, twisted: F64) -> None:
-    """Cosines and sines of α and β, worked out anew where these are others than *twisted* (N, 6)
-    was made for: most of the time went into sines, and from row to row lengths alone change."""
+    """Fill *twisted* (N, 6) with cosines and sines of α and β, where these changed.
+
+    Most of the time went into sines, and from row to row usually only lengths change.
+    """
     for k in range(len(twisted)):
         alpha, beta = row[5 * k + 3], row[5 * k + 4]
         if alpha != twisted[k, 4] or beta != twisted[k, 5]:
@@ -128,7 +135,7 @@ def compute_twists(row: F64, twisted: F64) -> None:
 
 @jit
 def _chain(q: F64, row: F64, twisted: F64, origins: F64, rotations: F64) -> None:
-    """The frames of one reading."""
+    """Compute the frames of one reading."""
     n_joints = len(q)
     _base(row[5 * n_joints + 3 :], origins[0], rotations[0])
     for k in range(n_joints):
@@ -143,7 +150,7 @@ def _chain(q: F64, row: F64, twisted: F64, origins: F64, rotations: F64) -> None
 
 @jit
 def _tip_of(row: F64, origin: F64, rotation: F64, tip: F64) -> None:
-    """The *tip* (3,) at the last frame."""
+    """Compute the *tip* (3,) in the last frame of one reading."""
     for axis in range(3):
         tip[axis] = origin[axis]
         for j in range(3):
@@ -176,7 +183,7 @@ def _forward(q: F64, p: F64, position: F64, rotation: F64) -> None:
 
 @jit
 def _turn(axis_x: float, axis_y: float, axis_z: float, arm: F64, out: F64) -> None:
-    """out = axis × arm: how the tip moves when everything behind it turns about the axis."""
+    """Compute out = axis × arm: the tip's motion when everything behind it turns about the axis."""
     out[0] = axis_y * arm[2] - axis_z * arm[1]
     out[1] = axis_z * arm[0] - axis_x * arm[2]
     out[2] = axis_x * arm[1] - axis_y * arm[0]
@@ -186,8 +193,11 @@ def _turn(axis_x: float, axis_y: float, axis_z: float, arm: F64, out: F64) -> No
 def place_tip(
     q: F64, row: F64, twisted: F64, origins: F64, rotations: F64, tip: F64, levers: F64
 ) -> None:
-    """The *tip* (3,) of one reading and its *levers* (3, N), mm/rad: what `fill_jacobian` has
-    by the angles alone. *twisted* is of *row*; *origins* and *rotations* are room for frames."""
+    """Compute the *tip* (3,) of one reading and its *levers* (3, N), mm/rad.
+
+    The levers are the derivatives of `fill_jacobian` by the angles alone. *twisted* is of *row*;
+    *origins* and *rotations* are buffers for frames.
+    """
     n_joints = len(q)
     _chain(q, row, twisted, origins, rotations)
     _tip_of(row, origins[n_joints], rotations[n_joints], tip)
@@ -204,7 +214,7 @@ def fill_jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
     n, n_joints = q.shape
     origins = np.empty((n_joints + 1, 3))
     rotations = np.empty((n_joints + 1, 3, 3))
-    # Loops over the three axes, not slices: these would allocate, and compile for seconds.
+    # Loops over the three axes instead of slices, which would allocate and compile for seconds.
     to_tip, beyond, y = np.empty(3), np.empty(3), np.empty(3)
     tip, base = 5 * n_joints, 5 * n_joints + 3
     turned, twisted = np.empty((n_joints, 2)), np.full((n_joints, 6), np.nan)

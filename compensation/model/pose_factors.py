@@ -1,8 +1,8 @@
-"""The pose factors of a basis, of what differs from sample to sample: each is one entry.
+"""The pose factors of a basis, whose values differ from sample to sample: one class for each kind.
 
-What a calibration file stores of it, its value at many readings, and how the kernel is told of it,
-which pays for it with every sample. The compiled code of a kind stands in `kernel.pose_factors`; a
-test holds it to the value here.
+Each class holds what a calibration file stores, the value at many readings, and the code by which
+the kernel knows it. The kernel evaluates it for every sample. The compiled code of a kind is in
+`kernel.pose_factors`; a test compares it with the value here.
 """
 
 from __future__ import annotations
@@ -26,19 +26,22 @@ AXES = "xyz"
 
 
 class PoseFactor(Strict):
-    """A factor of what differs from sample to sample."""
+    """A factor whose value differs from sample to sample."""
 
     def evaluate(self, instants: Instants) -> F64:
-        """Its value (n,) at each instant; a missing rate or approach gives 0."""
+        """Evaluate the factor (n,) at each instant; a missing rate or approach gives 0."""
         raise NotImplementedError
 
     def pose_code(self, table_at: int) -> tuple[str, int, int]:
-        """For `kernel.pose_factors`: the kind there, the joint or link from 0, a detail;
-        *table_at* is where the rows of its table begin, if it has one."""
+        """Return the factor's code for `kernel.pose_factors`.
+
+        That is the kind there, the joint or link from 0, and a detail. *table_at* is where the rows
+        of its table begin, if it has one.
+        """
         raise NotImplementedError
 
     def table(self) -> F64:
-        """Rows (pieces, 4) of cubic polynomials that the compiled code is to read."""
+        """Return rows (pieces, 4) of cubic polynomials for the compiled code."""
         return np.zeros((0, 4))
 
 
@@ -72,7 +75,7 @@ class Angle(PoseFactor):
 
 
 class Curve(PoseFactor):
-    """A stable curve over the turn: periodic cubic spline through equidistant values."""
+    """A periodic cubic spline through equidistant values over a joint's turn."""
 
     kind: Literal["curve"] = "curve"
     joint: JointNumber
@@ -89,7 +92,7 @@ class Curve(PoseFactor):
 
 
 class GravityTorque(PoseFactor):
-    """Gravity torque about a joint's axis in Nm, from the masses of arm.toml and the pose."""
+    """The gravity torque about a joint's axis in Nm, from the masses of arm.toml and the pose."""
 
     kind: Literal["gravity_torque"] = "gravity_torque"
     joint: JointNumber
@@ -102,7 +105,7 @@ class GravityTorque(PoseFactor):
 
 
 class GravityDirection(PoseFactor):
-    """Component of the unit gravity vector along an axis of a joint's outgoing link frame."""
+    """The component of the unit gravity vector along an axis of a joint's outgoing link frame."""
 
     kind: Literal["gravity_direction"] = "gravity_direction"
     link: JointNumber
@@ -116,9 +119,10 @@ class GravityDirection(PoseFactor):
 
 
 class GravityMoment(PoseFactor):
-    """Gravity moment in Nm of everything beyond a link, about an axis of its outgoing frame.
+    """The gravity moment in Nm of everything beyond a link, about an axis of its outgoing frame.
 
-    About the origin of that frame (the link's end); zero for the last link, which carries nothing.
+    It is about the origin of that frame (the link's end), and zero for the last link, which carries
+    nothing.
     """
 
     kind: Literal["gravity_moment"] = "gravity_moment"
@@ -133,7 +137,7 @@ class GravityMoment(PoseFactor):
 
 
 class Side(PoseFactor):
-    """Side of approach: the sign of the joint's last motion (−1, 0 unknown, +1)."""
+    """The side of approach: the sign of the joint's last motion (−1, 0 unknown, +1)."""
 
     kind: Literal["side"] = "side"
     joint: JointNumber
@@ -146,7 +150,7 @@ class Side(PoseFactor):
 
 
 class Rate(PoseFactor):
-    """Joint rate in rad/s."""
+    """The joint rate in rad/s."""
 
     kind: Literal["rate"] = "rate"
     joint: JointNumber
@@ -159,7 +163,7 @@ class Rate(PoseFactor):
 
 
 class Approach(PoseFactor):
-    """Component of the unit approach vector: base frame ("base") or last frame ("tip")."""
+    """A component of the unit approach vector: base frame ("base") or last frame ("tip")."""
 
     kind: Literal["approach"] = "approach"
     axis: Axis

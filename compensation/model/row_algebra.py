@@ -1,7 +1,7 @@
-"""Small matrices of each row, compiled: numpy calls LAPACK for one row after another.
+"""Compiled algebra of a small matrix in each row, because numpy calls LAPACK row by row.
 
-A turn of three axes, a covariance of three by three: for each of many rows such a call takes ten
-times as long as what it does.
+For a turn of three axes or a covariance of three by three, such a call takes ten times as long as
+the computation.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from armd.compiled.jit import jit, unlocked
 def rotate_towards(
     q: F64, p: F64, there_mm: F64, turns: int, least_lever: float, most_turn_rad: float
 ) -> F64:
-    """Angles (n, N) near *q* that put the tip at *there_mm* (n, 3), after so many Newton steps.
+    """Return angles (n, N) near *q* that put the tip at *there_mm* (n, 3).
 
-    Parameters (n, P). A direction whose lever is shorter than the share *least_lever* of the
-    reading's longest is hardly turned towards; no reading is turned by more than *most_turn_rad*.
+    *turns* Newton steps are made, with parameters *p* (n, P). A direction whose lever is shorter
+    than the share *least_lever* of the reading's longest is hardly turned towards; no reading is
+    turned by more than *most_turn_rad*.
     """
     q, p, there_mm = (np.ascontiguousarray(rows, dtype=np.float64) for rows in (q, p, there_mm))
     if not len(q) == len(p) == len(there_mm):
@@ -32,8 +33,10 @@ def rotate_towards(
 
 
 def compute_least_turns(levers: F64, least_lever: float) -> F64:
-    """(n, N, 3) rad/mm: the smallest turn that moves the tip so, from *levers* (n, 3, N) mm/rad,
-    with *least_lever* as `rotate_towards` has it."""
+    """Compute the smallest turn (n, N, 3), rad/mm, that moves the tip along each axis.
+
+    *levers* (n, 3, N) are in mm/rad; *least_lever* as in `rotate_towards`.
+    """
     n, _, n_joints = levers.shape
     turns = np.empty((n, n_joints, 3))
     fill_least_turns(np.ascontiguousarray(levers), least_lever**2, turns)
@@ -41,7 +44,7 @@ def compute_least_turns(levers: F64, least_lever: float) -> F64:
 
 
 def compute_whitening(covariance: F64, weight: F64) -> F64:
-    """W (n, 3, 3), lower, with WᵀW = weight (n,) · the inverse of *covariance* (n, 3, 3).
+    """Compute W (n, 3, 3), lower, with WᵀW = weight (n,) · the inverse of *covariance* (n, 3, 3).
 
     Raises `LinAlgError` for one that is not positive definite.
     """
@@ -54,8 +57,11 @@ def compute_whitening(covariance: F64, weight: F64) -> F64:
 def compute_stretched_covariance(
     levers: F64, before: F64, backwards: F64, encoder_variance: float, own_variance: F64
 ) -> F64:
-    """Covariance (n, 3, 3) of encoders at *levers* (n, 3, N), and of what is *own_variance* (n,)
-    at levers *before* (n, 3, N), *backwards* (n, N, 3) being their inverse."""
+    """Compute the covariance (n, 3, 3) of encoders and of a reading's own noise.
+
+    The encoders act at *levers* (n, 3, N). The noise has *own_variance* (n,) at levers *before* (n,
+    3, N), and *backwards* (n, N, 3) is the inverse of these.
+    """
     covariance = np.empty((len(levers), 3, 3))
     levers, before, backwards = map(np.ascontiguousarray, (levers, before, backwards))
     fill_stretch(levers, before, backwards, float(encoder_variance), own_variance, covariance)
@@ -116,7 +122,7 @@ def fill_least_turns(levers: F64, least_square: float, turns: F64) -> None:
 
 @jit
 def _solve(levers: F64, least_square: float, side: F64) -> None:
-    """Solve (J Jᵀ + *least_square* · trace) x = *side* (3,), J being *levers* (3, N), in place."""
+    """Solve (J Jᵀ + *least_square* · trace) x = *side* (3,) in place; J is *levers* (3, N)."""
     xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(levers.shape[1]):
         x, y, z = levers[0, k], levers[1, k], levers[2, k]
@@ -136,7 +142,7 @@ def _solve(levers: F64, least_square: float, side: F64) -> None:
 def _cholesky(
     xx: float, xy: float, xz: float, yy: float, yz: float, zz: float
 ) -> tuple[float, float, float, float, float, float]:
-    """The lower factor ((a, 0, 0), (ba, b, 0), (ca, cb, c)), column by column."""
+    """Return the lower factor ((a, 0, 0), (ba, b, 0), (ca, cb, c)), column by column."""
     a = math.sqrt(xx)
     ba, ca = xy / a, xz / a
     b = math.sqrt(yy - ba * ba)
@@ -146,7 +152,7 @@ def _cholesky(
 
 @unlocked
 def fill_whitening(covariance: F64, root_weight: F64, whiten: F64) -> bool:
-    """Whether all are positive definite; *whiten* above its diagonals stays as it is."""
+    """Fill the lower part of *whiten*; return whether all are positive definite."""
     definite = True
     for i in range(len(covariance)):
         matrix, to, root = covariance[i], whiten[i], root_weight[i]

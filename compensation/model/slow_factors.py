@@ -1,8 +1,8 @@
-"""The slow factors of a basis, of temperatures and time: each is one entry with all known of it.
+"""The slow factors of a basis, of temperatures and time: one class for each kind.
 
-What a calibration file stores of it, its value at many readings, what it needs of an instant, and
-how the kernel is told of it, which folds it when a temperature arrives. The compiled code of a kind
-stands in `kernel.slow_factors`; a test holds it to the value here.
+Each class holds what a calibration file stores, the value at many readings, what it needs of an
+instant, and the code by which the kernel knows it. The kernel folds it when a temperature arrives.
+The compiled code of a kind is in `kernel.slow_factors`; a test compares it with the value here.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from armd.files.schema import Strict
 if TYPE_CHECKING:
     from armd.compensation.model.instants import Instants
 
-#: Seconds since 1970, UTC; up to the year 9999, after which nobody writes dates.
+#: Seconds since 1970, UTC; up to the year 9999, the last that dates can express.
 UnixSeconds = Annotated[float, Field(ge=0, le=253402300799)]
 Weights = Annotated[dict[str, float], Field(min_length=1)]
 DAY_S = 86400.0
@@ -33,16 +33,19 @@ class SlowFactor(Strict):
 
     @property
     def means(self) -> list[Mean]:
-        """The mean temperatures that it is made of."""
+        """The mean temperatures on which it depends."""
         return []
 
     def evaluate(self, instants: Instants) -> F64:
-        """Its value (n,) at each instant; a missing temperature or time gives NaN."""
+        """Evaluate the factor (n,) at each instant; a missing temperature or time gives NaN."""
         raise NotImplementedError
 
     def slow_code(self, means: Sequence[int], reference_c: float) -> tuple[str, int, int, F64]:
-        """For `kernel.slow_factors`: the kind there, two whole numbers, up to three others; *means*
-        are the numbers of its mean temperatures."""
+        """Return the factor's code for `kernel.slow_factors`.
+
+        That is the kind there, two integers, and up to three numbers. *means* are the numbers of
+        its mean temperatures.
+        """
         raise NotImplementedError
 
 
@@ -50,8 +53,8 @@ class Temperature(SlowFactor):
     """(Σ weight·T_sensor − reference)^order, of the temperatures delayed by a first-order lag.
 
     `reference_c` None: the calibration's reference temperature. With `zone_c` = (low, high) in °C
-    the factor is the paper's temperature zone, (clip(Σ weight·T, low, high) − low)^order, so that
-    a sum over adjacent zones is a continuous piecewise polynomial; the reference plays no part.
+    the factor is the paper's temperature zone, (clip(Σ weight·T, low, high) − low)^order, so that a
+    sum over adjacent zones is a continuous piecewise polynomial; then the reference is not used.
     """
 
     kind: Literal["temperature"] = "temperature"
@@ -106,14 +109,16 @@ class Dated(SlowFactor):
         return self.evaluate_at_times(instants.time_s)
 
     def evaluate_at_times(self, time_s: F64) -> F64:
-        """Its value at times (n,) in Unix seconds."""
+        """Evaluate the factor at times (n,) in Unix seconds."""
         raise NotImplementedError
 
 
 class Period(Dated):
-    """From `since_unix_s` to `until_unix_s` a term that follows time was identified: nobody knows
-    how it goes on, so outside it the factor holds the value it had at the nearer end. None: no end
-    yet (while it is being identified; a calibration that was loaded always has one).
+    """A factor of time with the period in which its term was identified.
+
+    The period is `since_unix_s` to `until_unix_s`. Nobody knows how the term continues, so outside
+    the period the factor keeps the value of the nearer end. None: no end yet (while the term is
+    being identified; a loaded calibration always has one).
     """
 
     since_unix_s: UnixSeconds
@@ -127,11 +132,11 @@ class Period(Dated):
 
     @property
     def ends_unix_s(self) -> tuple[float, float]:
-        """Its beginning and its end, infinite where it has none yet."""
+        """The beginning and the end; the end is infinite if there is none yet."""
         return self.since_unix_s, math.inf if self.until_unix_s is None else self.until_unix_s
 
     def _held_s(self, time_s: F64) -> F64:
-        """Seconds since it began; outside it as at the nearer end."""
+        """Return the seconds since the beginning, limited to the period."""
         held_s: F64 = np.clip(time_s, *self.ends_unix_s)
         return held_s - self.since_unix_s
 

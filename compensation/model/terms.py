@@ -1,8 +1,8 @@
-"""The one idea: parameter = constant + Σ coefficient × basis function of the arm's state.
+"""The terms of a model: parameter = constant + Σ coefficient × basis function of the arm's state.
 
-A `Term` is one such product and is what a calibration file stores. Its basis is a product of
-factors, each a function of one thing the daemon knows at an instant: `pose_factors` and
-`slow_factors`.
+A `Term` is one such product, and a calibration file stores terms. Its basis is a product of
+factors. Each factor is a function of one quantity that the daemon knows at an instant:
+`pose_factors` and `slow_factors`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,10 @@ Factor = Annotated[AnySlowFactor | AnyPoseFactor, Field(discriminator="kind")]
 
 
 class Term(Strict):
-    """parameter += coefficient × Π basis; coefficient in the parameter's unit per basis unit."""
+    """The product that changes a parameter: parameter += coefficient × Π basis.
+
+    The coefficient is in the parameter's unit per basis unit.
+    """
 
     parameter: str
     basis: list[Factor] = Field(default_factory=list)

@@ -1,1 +1,1 @@
-"""Self-contained HTML reports: one file, opens offline, axes carry units."""
+"""Self-contained HTML reports: each is one file, opens offline, and its axes carry units."""

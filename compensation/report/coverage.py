@@ -1,4 +1,6 @@
-"""Where the arm was measured: the artefact's places around it, and what each joint used."""
+"""A picture of the measured range: the artefact's placements around the arm, and the joints'
+ranges.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.report.layout.drawing import COLOURS, MOST_POINTS, make_figure
 from armd.compensation.report.layout.page import Page
 
-#: More places than this are told apart by colour alone.
+#: With more placements than this a colour scale without names is used.
 MOST_NAMED = 8
 GREY = "#8c959f"
 HEIGHT_IN = 2.6
@@ -43,7 +45,7 @@ def add_coverage(page: Page, arm: Arm, sessions: Sequence[Session]) -> None:
 
 
 def _group_places(arm: Arm, sessions: Sequence[Session]) -> tuple[list[str], list[F64]]:
-    """Names of the artefact's places, and the tip's positions (n, 3) mm at each."""
+    """List the names of the artefact's placements, and the tip's positions (n, 3) mm at each."""
     names, places = [], []
     for session, of_session in zip(sessions, make_distinct_names(sessions), strict=True):
         tip = compute_pose(session.states.q, arm.nominal())[0]

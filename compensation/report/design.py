@@ -27,8 +27,11 @@ def make_design_report(
     rows: Sequence[Mapping[str, Any]],
     files: Mapping[str, InputFile | None],
 ) -> str:
-    """The page; *sessions* are those there are, *rows* is the table, one mapping per pose, *files*
-    are arm and calibration."""
+    """Make the page as HTML text.
+
+    *sessions* are the existing ones, *rows* is the table, one mapping per pose, *files* are arm and
+    calibration.
+    """
     page = Page(f"Next experiment with {arm.serial_number}")
     criterion = experiment.criterion
     page.add_verdict(
@@ -55,7 +58,7 @@ def make_design_report(
 
 
 def _narrow_row(row: Mapping[str, Any]) -> dict[str, str]:
-    """A pose as a line of a page: sides of approach and temperatures in a column each."""
+    """Return a pose as a row with one column for all approaches and one for all temperatures."""
     sides = "".join(side for name, side in row.items() if name.startswith("approach_joint"))
     warm = " ".join(f"{value:g}" for name, value in row.items() if name.endswith("_c"))
     place = {n: str(v) for n, v in row.items() if n.endswith(("pose", "_mm", "_deg"))}
@@ -63,9 +66,10 @@ def _narrow_row(row: Mapping[str, Any]) -> dict[str, str]:
 
 
 def draw_poses(q: F64, tip_mm: F64, parameters: F64, ax: Axes | None = None) -> Figure:
-    """The arm in every pose (n, N) rad, base to tip (n, 3), in mm of the base frame.
+    """Draw the arm in every pose (n, N) rad, from the base to *tip_mm* (n, 3), in the base frame.
 
-    From above and from the side; on *ax* from the side, or in space where it has three dimensions.
+    The views are from above and from the side; on *ax* from the side, or in space if it has three
+    dimensions.
     """
     chains = np.concatenate([compute_frames(q, parameters)[0], tip_mm[:, None]], axis=1)
     if ax is None:
@@ -87,7 +91,9 @@ def draw_poses(q: F64, tip_mm: F64, parameters: F64, ax: Axes | None = None) -> 
 
 
 def _draw_chains(panel: Axes, chains: F64) -> None:
-    """Arms (n, K, 2) or (n, K, 3) mm as lines from base to tip, where each has its number."""
+    """Draw arms (n, K, 2) or (n, K, 3) mm as lines from base to tip, with their numbers at
+    the tip.
+    """
     for i, chain in enumerate(chains, 1):
         panel.plot(*chain.T, marker="o", markersize=2.5, linewidth=1.0)
         panel.text(*chain[-1], str(i), weight="bold")  # type: ignore[call-arg]

@@ -20,8 +20,11 @@ def make_first_design_report(
     words: Sequence[str],
     files: Mapping[str, InputFile | None],
 ) -> str:
-    """The page; *rows* is the table, one mapping per pose, *words* what the command prints of it,
-    *files* are arm, calibration and artefact."""
+    """Make the page as HTML text.
+
+    *rows* is the table, one mapping per pose, *words* are the sentences that the command prints,
+    *files* are arm, calibration and artefact.
+    """
     page = Page(f"First experiment with {arm.serial_number}")
     page.add_verdict(f"MEASURE {format_count(len(rows), 'pose').upper()}", words[0], None)
     for sentence in words[1:]:

@@ -21,8 +21,10 @@ def make_repeatability_page(
     name: str,
     files: Mapping[str, InputFile | None],
 ) -> str:
-    """HTML text; *time_and_temperature* are hours and °C of the visits, *name* is of what was
-    measured."""
+    """Make the page as HTML text.
+
+    *time_and_temperature* are hours and °C of the visits, *name* is that of the measured object.
+    """
     page = Page(f"Repeatability: {name}")
     page.add_items(words)
     page.add_figure(
@@ -37,7 +39,7 @@ def make_repeatability_page(
 
 
 def _draw_over_time(repeatability: Repeatability, time_h: F64, temperature_c: F64) -> Figure:
-    """Over hours, or over the number of the visit where no time is known."""
+    """Draw the visits over hours, or over their number if no time is known."""
     warm, timed = np.isfinite(temperature_c).any(), np.isfinite(time_h).all()
     across = time_h if timed else np.arange(1.0, len(time_h) + 1)
     figure, panels = make_figure(1 + bool(warm), 1, 5.0 if warm else 3.6)

@@ -1,5 +1,7 @@
-"""What a page of sessions comes from: every file by its hash, and when, by whom, on what, how warm
-it was measured."""
+"""The origin of a page about sessions: every file by its hash, and the facts of each measurement.
+
+These are when, by whom, on which artefact and at which temperatures it was made.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,7 @@ class InputFile(NamedTuple):
 
     @classmethod
     def read(cls, path: str | Path | None) -> InputFile | None:
-        """Of the file *path*; None for none."""
+        """Return the input of the file *path*, or None without a path."""
         if not path:
             return None
         return cls(Path(path).name, hash_input(path))
@@ -41,7 +43,7 @@ def add_origin(
     files: Mapping[str, InputFile | None],
     facts: Mapping[str, str] | None = None,
 ) -> None:
-    """*files* are the other inputs by what they are to the command; None: there was none."""
+    """Add the origin; *files* are the other inputs by their roles (None: there was none)."""
     named = zip(make_distinct_names(sessions), sessions, strict=True)
     inputs = {f"session {name}": session.fingerprint() for name, session in named}
     inputs |= {f"{role} {file.name}": file.sha256 for role, file in files.items() if file}
@@ -51,7 +53,7 @@ def add_origin(
 
 
 def add_session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None:
-    """A row per session; what its files do not say is said not to be stated."""
+    """Add a table with a row per session; facts missing in its files are given as "not stated"."""
     page.add_table(
         ["session", "started, UTC", "duration, h", "readings", "operator", "artefact",
          "its certificate", "arm, °C", "artefact, °C"],

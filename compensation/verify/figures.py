@@ -1,8 +1,8 @@
-"""The figures of ISO 10360-12:2016 and ASME B89.4.22 from one session.
+"""Compute the figures of ISO 10360-12:2016 and ASME B89.4.22 from one session.
 
-Which tests a session supports is told by its targets' names (docs/how-to/verify.md); a test whose
-readings are not all there is left out, with the reason. Lengths are compared at the artefact's
-temperature, its certified expansion taken into account.
+The names of a session's targets determine its tests (docs/how-to/verify.md). A test whose readings
+are incomplete is skipped, with the reason. Lengths are compared at the artefact's temperature, by
+its certified expansion.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from armd.compensation.verify.spheres import find_smallest_sphere, fit_sphere
 
 ISO, ASME = "ISO 10360-12:2016", "ASME B89.4.22-2004"
 CERTIFICATE = "the certificate"
-BLOCK = "block_length"  # of no standard: missed only where it has a limit
+BLOCK = "block_length"  # not in a standard: reported as missing only if it has a limit
 POSITIONS = ("SPHERE1", "SPHERE2")
 
 
@@ -47,15 +47,15 @@ def correct_positions(session: Session, arm: Arm, calibration: LoadedCalibration
 def evaluate_figures(
     session: Session, arm: Arm, position: F64, test: TestUncertainty, *, complete: bool = True
 ) -> Verification:
-    """All figures of corrected points (n, 3) mm, one per reading; NaN for one that failed.
+    """Compute all figures of corrected points (n, 3) mm, one per reading; NaN for a failed one.
 
-    Unless *complete*, single-point articulation counts for the seats that were measured, and
-    remarks name those that were not.
+    Unless *complete*, single-point articulation uses the seats that were measured, and remarks name
+    those that were not.
     """
     readings = VerifiedReadings(session, arm, position, test, complete)
     figures: list[Figure] = []
     left_out: dict[str, str] = {}
-    # The matrices are small: threads of the library's own cost more than they bring.
+    # The matrices are small: the library's own threads cost more than they gain.
     with threadpool_limits(limits=1, user_api="blas"):
         for keys, evaluate in TESTS.items():
             try:
@@ -77,7 +77,7 @@ def evaluate_figures(
 
 
 def _evaluate_sphere_size(readings: VerifiedReadings) -> Iterator[Figure]:
-    """P_Size: 25 points on the sphere, in two positions."""
+    """Compute P_Size: 25 points on the sphere, in two positions."""
     if touched := readings.list_spheres():
         yield Figure("p_size", "P_Size", ISO, tuple(map(readings.compute_size_error, touched)))
         return
@@ -91,7 +91,7 @@ def _evaluate_sphere_size(readings: VerifiedReadings) -> Iterator[Figure]:
 
 
 def _evaluate_sphere_form(readings: VerifiedReadings) -> Iterator[Figure]:
-    """P_Form: of the same points; no certified diameter is needed."""
+    """Compute P_Form from the points of P_Size; no certified diameter is needed."""
     form = []
     touched = [(sphere.label, sphere.points_mm) for sphere in readings.list_spheres()]
     named = ((label, readings.get_one_per_target(f"{label}.", 25)) for label in POSITIONS)
@@ -104,18 +104,18 @@ def _evaluate_sphere_form(readings: VerifiedReadings) -> Iterator[Figure]:
 
 
 def _evaluate_location(readings: VerifiedReadings) -> Iterator[Figure]:
-    """L_Dia.5×5: the sphere's centre from five points in each of five orientations."""
+    """Compute L_Dia.5×5: the sphere's centre from five points in each of five orientations."""
     centres = np.array(
         [fit_sphere(readings.get_one_per_target(f"LDIA.{k}.", 5))[0] for k in range(1, 6)]
     )
     diameter = 2 * find_smallest_sphere(centres)[1]
-    # A point displaced by the sphere's form moves the centre of five by about as much.
+    # A point displaced by the sphere's form error moves the centre of five by about as much.
     deviation = Deviation("5 orientations", diameter, readings.test.sphere_form_mm)
     yield Figure("l_dia", "L_Dia.5×5", ISO, (deviation,))
 
 
 def _evaluate_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
-    """E_Uni: five lengths in seven placements, three repeats."""
+    """Compute E_Uni: five lengths in seven placements, three repeats."""
     placements = readings.list_placements("L0")
     if len(placements) < 7:
         raise NotSupported(f"{len(placements)} of 7 placements of the length bar L0 … L5")
@@ -137,7 +137,7 @@ def _evaluate_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
 
 
 def _evaluate_block_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
-    """Gauge blocks: how far apart two parallel planes are, in each placement."""
+    """Compute the errors of gauge blocks: the distance of parallel planes, in each placement."""
     errors = tuple(readings.iterate_block_errors())
     if not errors:
         raise NotSupported("no two planes with a certified length between them were touched")
@@ -145,7 +145,7 @@ def _evaluate_block_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
 
 
 def _evaluate_effective_diameter(readings: VerifiedReadings) -> Iterator[Figure]:
-    """Nine points on the sphere, three repeats."""
+    """Compute the effective diameter: nine points on the sphere, three repeats."""
     diameter, uncertainty = readings.compute_length(readings.get_certified(SPHERE))
     deviations = []
     for repeat in (1, 2, 3):
@@ -156,7 +156,9 @@ def _evaluate_effective_diameter(readings: VerifiedReadings) -> Iterator[Figure]
 
 
 def _evaluate_articulation(readings: VerifiedReadings) -> Iterator[Figure]:
-    """Single-point articulation: ten readings of a seat in each of three zones of the reach."""
+    """Compute single-point articulation: ten readings of a seat in each of three zones of the
+    reach.
+    """
     largest, spread = [], []
     missing = []
     for seat in ("SPAT1", "SPAT2", "SPAT3"):
@@ -172,7 +174,7 @@ def _evaluate_articulation(readings: VerifiedReadings) -> Iterator[Figure]:
         farthest = float(distance.max())
         largest.append(Deviation(seat, farthest, readings.test.seat_mm, offsets_mm=offsets))
         spread.append(Deviation(seat, 2 * deviation, readings.test.seat_mm))
-        if not readings.complete:  # of points alone: the figure that the makers' own routines show
+        if not readings.complete:  # with points alone: the figure that makers' routines show
             half = ", ".join(f"{x:.1f}" for x in 500.0 * np.ptp(points, axis=0))
             readings.remarks.append(f"{seat}: half of the range in x, y, z: {half} µm")
     if not largest:
@@ -183,7 +185,7 @@ def _evaluate_articulation(readings: VerifiedReadings) -> Iterator[Figure]:
 
 
 def _evaluate_volumetric(readings: VerifiedReadings) -> Iterator[Figure]:
-    """Twenty placements of two bars."""
+    """Compute the volumetric figures: twenty placements of two bars."""
     deviations = []
     for bar in ("BARS", "BARL"):
         for placement in readings.list_placements(f"{bar}.a"):
@@ -200,7 +202,7 @@ def _evaluate_volumetric(readings: VerifiedReadings) -> Iterator[Figure]:
     values = np.array([deviation.value_mm for deviation in deviations])
     uncertainty = max(deviation.standard_uncertainty_mm for deviation in deviations)
     rms = Deviation("20 placements", 2 * math.sqrt(float((values**2).mean())), uncertainty)
-    # Both ends of the range carry the bar's uncertainty, which two bars do not share.
+    # Both ends of the range have the uncertainty of their bar, which two bars do not share.
     span = Deviation("20 placements", float(np.ptp(values)), math.sqrt(2) * uncertainty)
     yield Figure("volumetric_max", "Volumetric max |D|", ASME, tuple(deviations))
     yield Figure("volumetric_2rms", "Volumetric 2·RMS", ASME, (rms,))

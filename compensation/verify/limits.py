@@ -1,4 +1,4 @@
-"""`mpe.toml`: what an arm is specified to hold, and how a result is decided upon."""
+"""The content of `mpe.toml`: an arm's specification, and the rule for decisions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from armd.files.schema import Strict, load_toml
 
-#: No articulated arm is specified so loosely: a larger number was typed in µm.
+#: No articulated arm has a larger specification: such a number was typed in µm.
 LARGEST_MM = 5.0
 
 
@@ -23,7 +23,7 @@ Limit = Annotated[float, Field(gt=0), AfterValidator(_require_mm)] | None
 
 
 class Mpe(Strict):
-    """Maximum permissible errors in mm, by the figure they limit; what is absent is not judged."""
+    """Maximum permissible errors in mm, by the figure they limit; missing ones are not judged."""
 
     p_size_mm: Limit = None
     p_form_mm: Limit = None
@@ -41,7 +41,7 @@ class Mpe(Strict):
 
     @model_validator(mode="after")
     def _limits_something(self) -> Self:
-        """A file without a limit would let everything pass."""
+        """Raise `ValueError` for a file without a limit, which would let everything pass."""
         fixed = [name for name in type(self).model_fields if name != "e_uni_mm_per_m"]
         if all(getattr(self, name) is None for name in fixed):
             raise ValueError(f"a limit at least, of {', '.join(fixed)}")
@@ -50,7 +50,7 @@ class Mpe(Strict):
         return self
 
     def limit_mm(self, figure: str, length_mm: float) -> float | None:
-        """The limit of a figure (its key without ``_mm``), for a length where it depends on it."""
+        """Return the limit of a figure (its key without ``_mm``), which may depend on a length."""
         limit: float | None = getattr(self, f"{figure}_mm")
         if limit is not None and figure == "e_uni":
             return limit + self.e_uni_mm_per_m * length_mm / 1000
@@ -58,9 +58,9 @@ class Mpe(Strict):
 
 
 class TestUncertainty(Strict):
-    """Standard uncertainties of the test itself, beyond the certified lengths'."""
+    """Standard uncertainties of the test itself, besides those of the certified lengths."""
 
-    __test__ = False  # no test, whatever pytest thinks of the name
+    __test__ = False  # not a test, although pytest takes the name for one
 
     artefact_temperature_c: Annotated[float, Field(ge=0)] = 0.1
     sphere_form_mm: Annotated[float, Field(ge=0)] = 0.0
@@ -70,13 +70,14 @@ class TestUncertainty(Strict):
 class PermissibleErrors(Strict):
     """The content of an MPE file.
 
-    `decision` "guarded": ISO 14253-1, a result conforms if it lies within the limit reduced by
-    the test's expanded uncertainty (k = 2). "simple": within the limit.
+    `decision` "guarded": ISO 14253-1, a result conforms if it lies within the limit reduced by the
+    test's expanded uncertainty (k = 2). "simple": within the limit.
     """
 
     schema_: Literal["armd.mpe/1"] = Field(default="armd.mpe/1", alias="schema")
     decision: Literal["guarded", "simple"] = "guarded"
-    #: diameter of the space the arm measures in; the longest length of E_Uni is held against it
+    #: diameter of the space in which the arm measures; the longest length of E_Uni is compared with
+    #: it
     measuring_range_mm: Annotated[float, Field(gt=0)] | None = None
     mpe: Mpe
     uncertainty: TestUncertainty = TestUncertainty()

@@ -1,4 +1,4 @@
-"""A verification of points alone: of an arm whose joints nobody reads, as its own host sees it."""
+"""Verify an arm by points alone, as its own host reports them, without joint angles."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from armd.errors import BadInput
 from armd.files.inputs import hash_input
 from armd.terminal.suggest import suggest_names
 
-#: In the place of an arm of which only the points are known.
+#: Used in place of an arm of which only the points are known.
 UNKNOWN = {"schema": "armd.arm/1", "serial_number": "-", "joint": [{}, {}, {}]}
 
 
 @dataclass(frozen=True)
 class PointsVerification:
-    """What a table of points gives, and what was assumed in reading it."""
+    """The verification of a table of points, and the assumptions made in reading it."""
 
     verification: Verification
     session: Session
@@ -41,9 +41,9 @@ def verify_points(
     *,
     judged: bool,
 ) -> PointsVerification:
-    """All figures that the table at *path* supports; raises `BadInput`.
+    """Compute all figures that the table at *path* supports; raises `BadInput`.
 
-    *judged*: by limits, for which a test has to be whole; otherwise each seat has its own SPAT.
+    *judged*: by limits, for which a test has to be complete; otherwise each seat has its own SPAT.
     """
     points = read_points(path)
     artefact = (

@@ -1,4 +1,4 @@
-"""The readings of a verification: corrected points by target and placement, surfaces among them."""
+"""The readings of a verification: corrected points by target, placement and surface."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ SPHERE = ("SPHERE.a", "SPHERE.b")
 
 
 class NotSupported(Exception):
-    """The session does not hold what a figure needs."""
+    """The session lacks readings or data that a figure needs."""
 
 
 @dataclass(frozen=True)
 class TouchedSphere:
-    """A sphere of the artefact's surfaces in one placement: where the tip's centre stood on it."""
+    """A sphere of the artefact's surfaces in one placement, with the tip's centres on it."""
 
     label: str
     placement: str
@@ -45,7 +45,7 @@ class VerifiedReadings:
     ) -> None:
         self.complete = complete
         self.tip_radius_mm = arm.tip.radius_mm
-        self.remarks: list[str] = []  # how readings count that a test does not ask for
+        self.remarks: list[str] = []  # on readings that a test uses in another way than it demands
         self.test = test
         self._session = session
         self._position = position
@@ -53,11 +53,15 @@ class VerifiedReadings:
         self._usable = np.isfinite(position[:, 0])
 
     def get_points(self, target: str, placement: str | None = None) -> F64:
-        """Usable points (n, 3) at a target in the order of measuring."""
+        """Return usable points (n, 3) at a target in the order of measurement."""
         return self._position[self._find_rows(target, placement)]
 
     def get_one_per_target(self, prefix: str, count: int) -> F64:
-        """Points (count, 3), one at each target whose name starts so."""
+        """Return points (count, 3), one at each target whose name starts with *prefix*.
+
+        Several readings of a target are averaged. Raises `NotSupported` for fewer than *count*
+        targets.
+        """
         names = [name for name in self._names if name.startswith(prefix)]
         points = [self.get_points(name) for name in names]
         n_measured = sum(len(target_points) > 0 for target_points in points)
@@ -73,7 +77,7 @@ class VerifiedReadings:
         )
 
     def get_repeats(self, target: str, placement: str, count: int) -> F64:
-        """The first *count* points, or fewer, at a target in a placement."""
+        """Return the first *count* points, or fewer, at a target in a placement."""
         points = self.get_points(target, placement)
         if len(points) > count:
             self.remarks.append(
@@ -82,11 +86,11 @@ class VerifiedReadings:
         return points[:count]
 
     def list_without_position(self) -> list[str]:
-        """Which readings do not count, because the model lacks something that they do not have."""
+        """Return a line about readings that lack a temperature which the model needs, or none."""
         return list_without_temperature(self._session, self._usable)
 
     def list_far_off(self) -> list[str]:
-        """Single readings far from where the others place them, in words."""
+        """Describe single readings far from where the others place them."""
         session, position = self._session, self._position
         checks = [
             single.check_repeats(session, position),
@@ -108,7 +112,7 @@ class VerifiedReadings:
         return [line for check in checks for line in check.in_words(session)]
 
     def list_placements(self, target: str) -> list[str]:
-        """Names of the placements in which a target was measured, in order of appearance."""
+        """List the placements in which a target was measured, in order of appearance."""
         if target not in self._names:
             return []
         placements = self._session.placement[self._find_rows(target, None)]
@@ -123,7 +127,7 @@ class VerifiedReadings:
     def compute_length(
         self, distance: Distance, placement: str | None = None
     ) -> tuple[float, float]:
-        """A certified length at the temperature of its placement, and its standard uncertainty."""
+        """Return a certified length at its placement's temperature, and its uncertainty (k = 1)."""
         names = () if placement is None else distance.between
         return self._correct_for_temperature(
             distance.length_mm, distance.standard_uncertainty_mm, names, placement
@@ -132,7 +136,10 @@ class VerifiedReadings:
     def _correct_for_temperature(
         self, length_mm: float, uncertainty_mm: float, names: tuple[str, ...], placement: str | None
     ) -> tuple[float, float]:
-        """The same of any length, by the readings at *names*; all of them without names."""
+        """Correct any length for the temperature of the readings at *names*, or of all readings.
+
+        Also return its standard uncertainty.
+        """
         artefact = self._session.artefact
         rows = np.concatenate(
             [self._find_rows(name, placement) for name in names] or [np.flatnonzero(self._usable)]
@@ -143,9 +150,11 @@ class VerifiedReadings:
         return length, math.hypot(uncertainty_mm, thermal)
 
     def list_spheres(self) -> list[TouchedSphere]:
-        """Each sphere of the artefact's surfaces in each placement; none without such a surface.
+        """List each sphere of the artefact's surfaces in each placement; none without such a
+        surface.
 
-        Raises `NotSupported` where one has too few points, or, for a whole test, one position.
+        Raises `NotSupported` for a sphere with too few points, or, for a complete test, only one
+        position.
         """
         spheres = []
         for surface in self._session.artefact.surfaces:
@@ -165,7 +174,10 @@ class VerifiedReadings:
         return spheres
 
     def compute_size_error(self, touched: TouchedSphere) -> Deviation:
-        """The error of a sphere's diameter; raises `NotSupported` without a certified radius."""
+        """Compute the error of a sphere's diameter.
+
+        Raises `NotSupported` without a certified radius.
+        """
         surface = touched.surface
         if surface.radius_mm is None:
             raise NotSupported(f"no certified radius_mm of {surface.name}")
@@ -177,8 +189,10 @@ class VerifiedReadings:
         return Deviation(touched.label, measured - size, uncertainty, placement=touched.placement)
 
     def iterate_block_errors(self) -> Iterator[Deviation]:
-        """Error of each certified length between two planes, in each placement that has both;
-        raises `NotSupported` where the places do not tell a plane."""
+        """Yield the error of each certified length between two planes, in each placement with both.
+
+        Raises `NotSupported` where the touched places do not determine a plane.
+        """
         kinds = self._session.artefact.surface_kinds
         for distance in self._session.artefact.distances:
             first, second = distance.between

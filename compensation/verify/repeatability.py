@@ -1,8 +1,8 @@
-"""How well an arm comes back to one place: repeatability, and drift by time and by temperature.
+"""Repeatability of an arm at one place, and drift with time and with temperature.
 
-Each coordinate of n visits is p = c + a·t + b·T + e by ordinary least squares; the scatter of e,
-in three dimensions, is the repeatability. If e is correlated from one visit to the next, the
-uncertainties of the drifts are enlarged by (1 + r)/(1 − r) of the correlation r (Bartlett, 1935).
+Each coordinate of n visits is p = c + a·t + b·T + e by ordinary least squares; the scatter of e, in
+three dimensions, is the repeatability. If e is correlated from one visit to the next, the variances
+of the drifts are enlarged by (1 + r)/(1 − r) of the correlation r (Bartlett, 1935).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from scipy.special import gammaincinv
 from armd.arrays import F64
 
 CONFIDENCE = 0.95
-#: Visits beyond the parameters of each coordinate, of which fewer give no scatter.
+#: The least number of visits beyond the parameters of each coordinate that gives a scatter.
 LEAST_FREEDOM = 3
-#: What varied by less tells no drift.
+#: With a smaller range of time or temperature, no drift is determined.
 LEAST_SPAN_H, LEAST_SPAN_K = 1 / 60, 0.1
 #: Beyond this correlation of time and temperature the two drifts are hard to separate.
 ALIKE = 0.95
@@ -30,33 +30,33 @@ CORRELATED = 2.0
 
 @dataclass(frozen=True)
 class CoordinateDrift:
-    """Of each coordinate, µm per unit."""
+    """The drift of each coordinate, µm per unit."""
 
     value: F64  # (3,)
     standard_uncertainty: F64  # (3,)
 
     def as_json(self) -> dict[str, list[float]]:
-        """As the contract has it."""
+        """Return the object of the `armd.repeatability/1` format."""
         uncertainty = self.standard_uncertainty.tolist()
         return {"value": self.value.tolist(), "standard_uncertainty": uncertainty}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Repeatability:
-    """What n visits of one place say."""
+    """The results of n visits of one place."""
 
     repeatability_um: float  # 3-D standard deviation after the drifts
     interval_um: tuple[float, float]  # 95 %
-    per_h: CoordinateDrift | None  # None: the visits do not tell
+    per_h: CoordinateDrift | None  # None: the visits do not determine it
     per_k: CoordinateDrift | None
     rp_um: float  # ISO 9283: mean distance plus three standard deviations, after the drifts
-    largest_um: float  # distance from the fitted course
+    largest_um: float  # distance from the fitted drift
     offset_um: F64  # (n, 3) from the mean
-    fitted_um: F64  # (n, 3) the drifts' part of it
+    fitted_um: F64  # (n, 3) the part of the drifts
     remarks: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return plain data."""
         axes = np.std(self.offset_um - self.fitted_um, axis=0, ddof=1)
         return {
             "schema": "armd.repeatability/1",
@@ -73,9 +73,9 @@ class Repeatability:
 
 
 def fit_repeatability(position_mm: F64, time_h: F64, temperature_c: F64) -> Repeatability:
-    """Of visits (n, 3) mm at (n,) hours and (n,) °C; NaN where either is not known.
+    """Fit drifts and repeatability to visits (n, 3) mm at (n,) hours and (n,) °C.
 
-    Raises `ArithmeticError` for too few visits.
+    Hours or °C may be NaN where not known. Raises `ArithmeticError` for too few visits.
     """
     remarks: list[str] = []
     columns = [np.ones(len(position_mm))]
@@ -127,7 +127,7 @@ def fit_repeatability(position_mm: F64, time_h: F64, temperature_c: F64) -> Repe
 
 
 def _centre_varied(values: F64, least_span: float, quantity: str, remarks: list[str]) -> F64 | None:
-    """Values about their mean; None where they tell no drift, with a remark."""
+    """Return values minus their mean; None with a remark where they determine no drift."""
     if not np.isfinite(values).all():
         remarks.append(f"no {quantity} with every visit: no drift by {quantity}")
         return None
@@ -139,7 +139,7 @@ def _centre_varied(values: F64, least_span: float, quantity: str, remarks: list[
 
 
 def _compute_enlargement(residual: F64, remarks: list[str]) -> F64:
-    """(3,) of the variances, for a correlation from visit to visit."""
+    """Compute the factor (3,) of the variances for correlation from visit to visit."""
     squares = np.maximum((residual**2).sum(axis=0), 1e-30)
     r = (residual[1:] * residual[:-1]).sum(axis=0) / squares
     significant = r > CORRELATED / math.sqrt(len(residual))
@@ -154,8 +154,11 @@ def _compute_enlargement(residual: F64, remarks: list[str]) -> F64:
 
 
 def _compute_interval(covariance: F64, freedom: int, size: float) -> tuple[float, float]:
-    """95 %, by chi-squared with the degrees of freedom of the three axes together (Satterthwaite,
-    Biometrics Bull. 2, 1946)."""
+    """Compute the 95 % interval by chi-squared.
+
+    The degrees of freedom are those of the three axes together (Satterthwaite, Biometrics Bull. 2,
+    1946).
+    """
     square_sum = float((covariance**2).sum())
     together = freedom * size**4 / square_sum if square_sum > 0 else 3.0 * freedom
     tails = 2.0 * gammaincinv(together / 2.0, [0.5 + CONFIDENCE / 2, 0.5 - CONFIDENCE / 2])
@@ -164,7 +167,7 @@ def _compute_interval(covariance: F64, freedom: int, size: float) -> tuple[float
 
 
 def describe_repeatability(fit: Repeatability, sensors: Sequence[str]) -> list[str]:
-    """What came of it, for the console and the page; *sensors* were averaged."""
+    """Describe the results for the console and the page; temperatures are means of *sensors*."""
     low, high = fit.interval_um
     lines = [
         f"repeatability {fit.repeatability_um / 1e3:.4f} mm (95 %: {low / 1e3:.4f} to"

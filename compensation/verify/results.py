@@ -1,4 +1,4 @@
-"""What a verification found: figures of the standards, each with its results."""
+"""The results of a verification: figures of the standards, each with its deviations."""
 
 from __future__ import annotations
 
@@ -37,6 +37,6 @@ class Figure:
 @dataclass(frozen=True)
 class Verification:
     figures: tuple[Figure, ...]
-    left_out: dict[str, str]  # figure key → why
+    left_out: dict[str, str]  # figure key → reason
     remarks: tuple[str, ...]
-    far_off: tuple[str, ...] = ()  # readings far off, in words; they count
+    far_off: tuple[str, ...] = ()  # readings far off, in words; they are used

@@ -1,9 +1,9 @@
-"""Single readings of a verification that lie far from where the others of their test place them.
+"""Find single readings of a verification far from where the others of their test place them.
 
-They are told and counted: a verification judges all that was measured. Whoever pressed the button
-in the air learns of which reading that was; whether it may be taken again, the standard says.
-
-No arm or artefact is fitted for it: a bar says nothing of a turn about itself, nor one seat of any.
+They are reported and still used, because a verification judges all that was measured. A user who
+pressed the button in the air learns which reading it was. The standard states whether it may be
+taken again. No arm or artefact is fitted for this: a bar does not determine its turn about itself,
+and one seat determines no turn at all.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from armd.compensation.data.sessions.session import Session
 from armd.compensation.identify.admission.far_off import FarOff, find_far_readings
 from armd.compensation.verify.spheres import measure_distances_from_sphere
 
-#: Targets that are points on one sphere, if they are of one placement. The sphere of L_Dia stands
-#: still while the arm's posture changes, and so does that of the effective diameter.
+#: Targets that are points on one sphere, within one placement. The sphere of L_Dia stands still
+#: while the arm's posture changes, and so does that of the effective diameter.
 ON_SPHERE = re.compile(r"(SPHERE[12]|LDIA|EFFDIA)\.")
-#: Of five points, a pole and four on the equator, one left out says nothing: the others hardly tell
-#: how high the sphere is. Of nine it does.
+#: With five points, a pole and four on the equator, leaving one out shows nothing: the others
+#: hardly determine the sphere's height. With nine points it does.
 LEAST_POINTS = 9
-#: Of so many readings of one seat, the middle one is at it though one of them is not.
+#: With this many readings of one seat, the median is at the seat even if one of them is not.
 LEAST_REPEATS = 3
 
 
 def check_repeats(session: Session, position_mm: F64) -> FarOff:
-    """Readings of a seat, whose tips stand at *position_mm* (n, 3), far from the middle one."""
+    """Find readings of a seat, with tips at *position_mm* (n, 3), far from their median."""
     off_mm = np.full(session.n, np.nan)
     for rows in _iterate_seats(session, position_mm):
         if len(rows) >= LEAST_REPEATS:
@@ -42,8 +42,11 @@ def check_repeats(session: Session, position_mm: F64) -> FarOff:
 def check_lengths(
     session: Session, position_mm: F64, length_mm: Callable[[Distance, str], float]
 ) -> FarOff:
-    """Readings of the ends of a certified length that is farther off than the others; both ends
-    are told, because one reading each does not say which. *length_mm*: at a placement."""
+    """Find readings of the ends of a certified length with a larger error than the others.
+
+    Both ends are reported, because one reading each does not show which is wrong. *length_mm*: the
+    certified length in a placement.
+    """
     names, off_mm = session.artefact.target_names, np.full(session.n, np.nan)
     rows_by_seat = {
         (names[session.target[rows[0]]], int(session.placement[rows[0]])): rows
@@ -64,7 +67,7 @@ def check_lengths(
 
 
 def check_spheres(session: Session, position_mm: F64, radius_mm: float) -> FarOff:
-    """Points far from the sphere of this radius, tip included, that the others of it are on."""
+    """Find points far from the sphere of this radius, tip included, on which the others lie."""
     names, off_mm = session.artefact.target_names, np.full(session.n, np.nan)
     spheres = [match[1] if (match := ON_SPHERE.match(name)) else "" for name in names]
     sphere, usable = np.array(spheres)[session.target], np.isfinite(position_mm).all(axis=1)
@@ -77,7 +80,10 @@ def check_spheres(session: Session, position_mm: F64, radius_mm: float) -> FarOf
 
 
 def check_surfaces(session: Session, position_mm: F64, radii_mm: Mapping[str, float]) -> FarOff:
-    """The same of spheres that are surfaces, by the name and the radius of each, tip included."""
+    """Find points far from spheres that are surfaces; see `check_spheres`.
+
+    *radii_mm* has the radius, tip included, of each by name.
+    """
     names, off_mm = session.artefact.target_names, np.full(session.n, np.nan)
     usable = np.isfinite(position_mm).all(axis=1)
     for name, radius_mm in radii_mm.items():
@@ -91,7 +97,7 @@ def check_surfaces(session: Session, position_mm: F64, radii_mm: Mapping[str, fl
 
 
 def _iterate_seats(session: Session, position_mm: F64) -> Iterator[I64]:
-    """The readings of each seat in each placement, where it is no surface or point on a sphere."""
+    """Yield the readings of each seat in each placement, without surfaces and points on spheres."""
     usable = np.isfinite(position_mm).all(axis=1)
     surfaces = session.artefact.surface_kinds
     for target, name in enumerate(session.artefact.target_names):

@@ -1,4 +1,4 @@
-"""Spheres through points: the best fitting, and the smallest that holds them all."""
+"""Spheres through points: the best fit, and the smallest that contains them all."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from armd.compensation.features.algebraic import fit_algebraic_sphere
 
 
 def fit_sphere(points: F64) -> tuple[F64, float]:
-    """Centre (3,) and radius of the sphere with the least squared distances to points (n, 3).
+    """Fit the sphere with the least squared distances to points (n, 3): centre (3,) and radius.
 
     n ≥ 4, not all in one plane (an `ArithmeticError` otherwise).
     """
@@ -33,9 +33,10 @@ def fit_sphere(points: F64) -> tuple[F64, float]:
 
 
 def measure_distances_from_sphere(points: F64, radius: float) -> F64:
-    """(n,) how far points (n, 3) lie from a sphere of this radius that few far off hardly move.
+    """Measure distances (n,) of points (n, 3) from a sphere of this radius, fitted robustly.
 
-    Each is left out once; where the others fit best, all are weighed by Cauchy's weights.
+    Each point is left out once. From the fit with the least residuals, all points are weighted by
+    Cauchy's weights.
     """
     numbers = np.arange(len(points))
     centres = [_fit_centre(points[numbers != i], radius, np.ones(len(points) - 1)) for i in numbers]
@@ -51,7 +52,7 @@ def measure_distances_from_sphere(points: F64, radius: float) -> F64:
 
 
 def _fit_centre(points: F64, radius: float, weight: F64) -> F64:
-    """The centre (3,) of the sphere of this *radius* with the least *weight*ed squares."""
+    """Fit the centre (3,) of the sphere of this *radius* with the least *weight*ed squares."""
 
     def off(centre: F64) -> F64:
         return np.sqrt(weight) * _measure_outside(points, centre, radius)
@@ -66,7 +67,7 @@ def _measure_outside(points: F64, centre: F64, radius: float) -> F64:
 
 
 def find_smallest_sphere(points: F64) -> tuple[F64, float]:
-    """Centre (3,) and radius of the smallest sphere that holds all points (n, 3), n small.
+    """Find centre (3,) and radius of the smallest sphere that contains all points (n, 3), n small.
 
     It is determined by two, three or four of them: all such choices are tried.
     """
@@ -86,7 +87,7 @@ def find_smallest_sphere(points: F64) -> tuple[F64, float]:
 
 
 def _compute_circumcentre(points: F64) -> F64:
-    """The centre, within the span of two to four points, of the sphere through them."""
+    """Compute the centre, within the span of two to four points, of the sphere through them."""
     edges = points[1:] - points[0]
     offset = np.linalg.lstsq(2 * edges, (edges**2).sum(axis=1), rcond=None)[0]
     centre: F64 = points[0] + offset

@@ -1,4 +1,4 @@
-"""Parallel planes through the points that a tip's centre had on them."""
+"""Parallel planes through the positions of a tip's centre on them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from armd.arrays import F64
 
-#: Points on a sphere that the standard asks for.
+#: The number of points on a sphere that the standard demands.
 SPHERE_POINTS = 25
-#: Places on a plane spread by at least so much (RMS, mm) in both directions.
+#: The least spread of places on a plane (RMS, mm) in both directions.
 LEAST_SPREAD_MM = 2.0
 
 
@@ -28,19 +28,19 @@ class ParallelPlanes:
 
     @property
     def apart_mm(self) -> float:
-        """How far the last one is from the first."""
+        """The distance of the last plane from the first."""
         return abs(float(self.heights_mm[-1] - self.heights_mm[0]))
 
     @property
     def apart_uncertainty_mm(self) -> float:
-        """Standard uncertainty of that, by the scatter; NaN where none is left."""
+        """The standard uncertainty of that distance, by the scatter; NaN without freedom."""
         if not self.freedom:
             return math.nan
         return self.form_mm * math.sqrt(1 / self.counts[0] + 1 / self.counts[-1])
 
 
 def fit_parallel_planes(points: Sequence[F64]) -> ParallelPlanes | None:
-    """Planes through points (n, 3) mm on each; None where the places do not tell them."""
+    """Fit planes to points (n, 3) mm on each; None where the places do not determine them."""
     counts = tuple(len(plane_points) for plane_points in points)
     if min(counts) < 1 or sum(counts) < len(points) + 2:
         return None

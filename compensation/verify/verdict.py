@@ -1,4 +1,4 @@
-"""From figures and limits to a verdict: the decision rule of ISO 14253-1."""
+"""Decide on figures by their limits: the decision rule of ISO 14253-1."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from armd.compensation.verify.results import Deviation, Figure, Verification
 
 COVERAGE_FACTOR = 2.0
 NOT_STATED = "not stated"
-#: The longest length of E_Uni is at least this part of the measuring range.
+#: The longest length of E_Uni must be at least this part of the measuring range.
 LONGEST_SHARE = 0.66
-#: No arm errs so much: it is another.
+#: A larger error does not come from this arm: the data are of another arm.
 ABSURD_MM = 20.0
-#: A limit so many times what was found tells nothing, or was typed in another unit.
+#: A limit this many times the largest result is useless, or was typed in another unit.
 LOOSE = 100.0
-#: Within this share, a length in another unit is the same length.
+#: A length in another unit is recognised within this share.
 SAME_UNIT = 0.1
-#: What to do about readings far off.
+#: The advice about readings far off.
 FAR_OFF = (
     "if the button was pressed in the air, or the tip was not in its seat: take these readings"
     " again where the standard allows it, and verify the session that has them in their place"
@@ -37,10 +37,10 @@ RULES = {
 
 @dataclass(frozen=True)
 class Judged:
-    """A figure and what became of it.
+    """A figure and its outcome.
 
-    Deciding is what lies nearest its limit, or farthest beyond; it need not be the largest, where
-    limits or uncertainties differ. `limit_mm` and U belong to it.
+    `deciding` is the deviation nearest its limit, or farthest beyond. It need not be the largest,
+    where limits or uncertainties differ. `limit_mm` and U belong to it.
     """
 
     figure: Figure
@@ -53,20 +53,20 @@ class Judged:
         return COVERAGE_FACTOR * self.deciding.standard_uncertainty_mm
 
     def uncertainty_um(self, digits: int) -> str:
-        """U as a person reads it."""
+        """Return U as a person reads it."""
         if not self.uncertainty_stated:
             return NOT_STATED
         return f"{1e3 * self.expanded_uncertainty_mm:.{digits}f} µm"
 
     @property
     def uncertainty_stated(self) -> bool:
-        """No test is certain: where nothing was said of its uncertainty, U is not 0."""
+        """Whether an uncertainty is stated; if not, U is unknown and not 0."""
         return self.expanded_uncertainty_mm > 0.0
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Passed: everything that has a limit, and something has, was tested and conforms."""
+    """The verdict: passed if all figures with a limit, one at least, were tested and conform."""
 
     verification: Verification
     limits: PermissibleErrors | None
@@ -75,18 +75,18 @@ class Verdict:
 
     @property
     def covered(self) -> list[str]:
-        """Names of the figures that were judged: the verdict speaks of no other."""
+        """The names of the figures that were judged; the verdict covers no others."""
         return [item.figure.name for item in self.judged if item.outcome != "not judged"]
 
     @property
     def passed(self) -> bool:
-        """What was not judged is not passed: something must have been."""
+        """Whether all judged figures conform; at least one must have been judged."""
         outcomes = {item.outcome for item in self.judged} - {"not judged"}
         return not self.not_tested and outcomes == {"conforms"}
 
     @property
     def in_words(self) -> str:
-        """The verdict, what it covers, and why where it is no."""
+        """The verdict, what it covers, and the reasons if it is negative."""
         if self.limits is None:
             return "none: no limits given"
         silent = [item.figure.name for item in self.judged if item.outcome == "not judged"]
@@ -147,7 +147,7 @@ class Verdict:
         return remarks
 
     def as_json(self) -> dict[str, Any]:
-        """As `armd verify --json` writes it."""
+        """Return the object that `armd verify --json` writes."""
         verification = self.verification
         return {
             "schema": "armd.verification/1",
@@ -182,7 +182,7 @@ class Verdict:
 
 
 def _find_certified_unit(worst: Deviation) -> str:
-    """The unit that a certified length seems to have instead of mm, if any."""
+    """Return the unit that a certified length seems to have instead of mm, or ""."""
     if not worst.length_mm:
         return ""
     ratio = 1.0 + worst.value_mm / worst.length_mm
@@ -191,7 +191,7 @@ def _find_certified_unit(worst: Deviation) -> str:
 
 
 def judge(verification: Verification, limits: PermissibleErrors | None) -> Verdict:
-    """Decide on every figure; without *limits* the figures are told and nothing is decided."""
+    """Decide on every figure; without *limits* nothing is decided."""
     judged = tuple(_judge(figure, limits) for figure in verification.figures)
     left_out = verification.left_out
     limited = {
@@ -205,7 +205,7 @@ def judge(verification: Verification, limits: PermissibleErrors | None) -> Verdi
 
 
 def _judge(figure: Figure, limits: PermissibleErrors | None) -> Judged:
-    """The deviation nearest to its limit, or farthest beyond it, decides."""
+    """Judge a figure by the deviation nearest to its limit, or farthest beyond it."""
     if limits is None or limits.mpe.limit_mm(figure.key, 0.0) is None:
         return Judged(figure, "not judged", figure.worst, None)
 

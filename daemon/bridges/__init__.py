@@ -1,1 +1,1 @@
-"""Processes of their own, fed by Zenoh, each of which speaks some host's protocol."""
+"""Separate processes that read the daemon over Zenoh and serve a host's protocol."""

@@ -1,4 +1,4 @@
-"""All arms that can be heard at one endpoint, by their tokens and their health."""
+"""All arms that can be reached at one endpoint, by their tokens and their health."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ from armd import keys
 from armd.daemon.state import State
 from armd.received import parse_object
 
-#: Health comes once a second. A daemon that is frozen keeps its token for four.
+#: Health comes once a second. A frozen daemon keeps its token for four seconds.
 SILENT_S = 3.0
 EVENTS_KEPT = 50
 
 
 class Fleet:
-    """What is known of each arm; knows no network. Written to by Zenoh's threads."""
+    """The latest token, health and events of each arm, without any network code.
+
+    Zenoh's threads write to it.
+    """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -49,7 +52,7 @@ class Fleet:
             self.events.append((serial, event["text"]))
 
     def note_malformed(self, serial: str) -> None:
-        """A message that is not armd's was dropped: reported once an arm, then only counted."""
+        """Count a dropped message that is not armd's; report the first of each arm."""
         self._malformed[serial] += 1
         if self._malformed[serial] == 1:
             self.events.append(
@@ -57,14 +60,14 @@ class Fleet:
             )
 
     def healths(self) -> list[dict[str, Any]]:
-        """The last message of each arm that is alive, by serial number."""
+        """Return the last health message of each arm that is alive, by serial number."""
         with self._lock:
             serials = sorted(self._alive & self._health.keys())
-            # By the key, not by what the message says: two arms of one name are two metrics.
+            # The serial is the key's, not the message's: two arms of one name stay two metrics.
             return [self._health[serial][0] | {"serial": serial} for serial in serials]
 
     def rows(self) -> list[dict[str, Any]]:
-        """One for each arm that is alive and has been heard."""
+        """Return a row for each arm that is alive and has sent its health."""
         now_s = self._clock()
         with self._lock:
             serials = sorted(self._alive & self._health.keys())
@@ -90,7 +93,7 @@ class Listening:
     """Feeds a fleet from a session, from construction to `close`."""
 
     def __init__(self, session: zenoh.Session, fleet: Fleet, serial: str | None) -> None:
-        """*serial* None: all of them."""
+        """Subscribe to one arm; *serial* None: to all of them."""
         name = serial or "*"
 
         def token(sample: zenoh.Sample) -> None:
@@ -110,7 +113,7 @@ class Listening:
             else:
                 fleet.note_event(_serial(sample), message)
 
-        # Known at once, not with the next message of each.
+        # Ask now, so that nobody waits for the next message of each arm.
         for reply in session.get(keys.key(name, keys.HEALTH)):
             if reply.ok is not None:
                 health(reply.ok)
@@ -134,7 +137,7 @@ def _serial(sample: zenoh.Sample) -> str:
 async def show_repeatedly(
     fleet: Fleet, show: Callable[[Fleet], None], every_s: float, seconds: float | None
 ) -> None:
-    """*show* again and again, until *seconds* are over or for ever."""
+    """Call *show* every *every_s* seconds, until *seconds* are over or for ever."""
     start_s = next_s = time.monotonic()
     while seconds is None or next_s - start_s < seconds:
         next_s += every_s

@@ -1,4 +1,4 @@
-"""A measurement or a point as one line of text: presets, and templates of a user's own."""
+"""A measurement or a point as one line of text: presets, and templates of the user."""
 
 from __future__ import annotations
 
@@ -67,7 +67,10 @@ PRESETS: dict[str, LineFormat] = {
 
 
 def parse_template(text: str) -> LineFormat:
-    """A user's own line, as `{x:.3f};{y:.3f}`; raises `BadInput` for one that cannot be filled."""
+    """Return the format of a user's template, such as `{x:.3f};{y:.3f}`.
+
+    Raises `BadInput` for a template that cannot be filled.
+    """
     text = text.replace("\\t", "\t")
     try:
         for _, name, _, _ in string.Formatter().parse(text):
@@ -85,7 +88,7 @@ def parse_template(text: str) -> LineFormat:
 
 
 def convert_measurement(measurement: Mapping[str, Any], tips: Tips, serial: str) -> Fields | None:
-    """Its fields; None if it has no position."""
+    """Return a measurement's fields; None if it has no position."""
     if measurement["position_mm"] is None:
         return None
     deviation_mm = measurement["standard_deviation_mm"] or (None,) * 3
@@ -108,12 +111,15 @@ def convert_measurement(measurement: Mapping[str, Any], tips: Tips, serial: str)
 
 
 def convert_point(point: np.void, tips: Tips, tip: str | None, serial: str) -> Fields | None:
-    """Fields of one of `POINT`; None if it is invalid, or has no position or orientation."""
+    """Return the fields of a record of `POINT`.
+
+    They are None if the point is invalid, or has no position or orientation.
+    """
     flags = int(point["flags"])
     if flags & Flag.INVALID:
         return None
     position, orientation = point["position_mm"].tolist(), point["orientation"].tolist()
-    if not np.isfinite([*position, *orientation]).all():  # no daemon's
+    if not np.isfinite([*position, *orientation]).all():  # no daemon sends such a point
         return None
     covariance, correction = point["covariance_mm2"], point["correction_mm"]
     covariance_mm2 = covariance.tolist() if np.isfinite(covariance).all() else None
@@ -155,8 +161,10 @@ def _place(position_mm: Any, direction: Any) -> dict[str, float]:
 
 
 def _uncertainty(covariance_mm2: Any) -> dict[str, float]:
-    """Standard uncertainties of the three axes; NaN without a calibration's covariance, or with
-    one that is none: a variance below zero."""
+    """Return standard uncertainties of the three axes in µm.
+
+    They are NaN without a calibration's covariance, or if a variance is below zero.
+    """
     xx, _, _, yy, _, zz = covariance_mm2 or (np.nan,) * 6
     if not min(xx, yy, zz) >= 0.0:
         return {f"u_{axis}_um": np.nan for axis in "xyz"}
@@ -164,7 +172,7 @@ def _uncertainty(covariance_mm2: Any) -> dict[str, float]:
 
 
 def _quoted(word: str) -> str:
-    """As CSV wants a name with a comma or a quotation mark in it."""
+    """Quote a name with a comma or a quotation mark in it for CSV."""
     return '"' + word.replace('"', '""') + '"' if set(word) & set(',"') else word
 
 
@@ -173,5 +181,5 @@ def _um(value_mm: float | None) -> float:
 
 
 def _mm(value_um: float) -> str:
-    """Empty where it is not known."""
+    """Format a length in mm; empty if it is unknown."""
     return "" if math.isnan(value_um) else f"{value_um / 1000:.6f}"

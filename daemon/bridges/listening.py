@@ -1,4 +1,4 @@
-"""A TCP port on which a bridge serves, and connections that cannot hold it up."""
+"""A TCP port for a bridge, and connections that never block it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import cast
 
 from armd.errors import BadInput
 
-#: What may wait for one client's system; a client that reads more slowly for longer is closed.
+#: Limit of unsent data of one client; a client that reads too slowly is disconnected.
 WAITING_BYTES = 1 << 20
-#: A host that was switched off, or whose cable was pulled, is noticed within half a minute.
+#: These detect a host that was switched off or unplugged within half a minute.
 KEEPALIVE = {
     socket.TCP_KEEPIDLE: 10,
     socket.TCP_KEEPINTVL: 5,
@@ -21,14 +21,14 @@ KEEPALIVE = {
     socket.TCP_USER_TIMEOUT: 25_000,  # ms
 }
 
-#: A connection that begins no TLS is hung up on after this; asyncio's own patience is a minute.
+#: A connection that does not start TLS is closed after this; asyncio's default is a minute.
 HANDSHAKE_S = 5.0
 
 Address = tuple[str, int]
 
 
 def parse_address(text: str) -> Address:
-    """`HOST:PORT`, `[IPV6]:PORT`; for argparse."""
+    """Parse `HOST:PORT` or `[IPV6]:PORT`; for argparse."""
     host, colon, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not (colon and host and port.isascii() and port.isdigit() and int(port) < 1 << 16):
@@ -37,7 +37,7 @@ def parse_address(text: str) -> Address:
 
 
 def add_listen(parser: argparse.ArgumentParser, usual: str) -> None:
-    """The option --listen."""
+    """Add the option --listen."""
     parser.add_argument(
         "--listen",
         type=parse_address,
@@ -70,23 +70,23 @@ class Client(asyncio.Protocol):
         self.end()
 
     def begin(self) -> None:
-        """Somebody has connected."""
+        """Handle a new connection."""
 
     def end(self) -> None:
-        """The connection is gone, whoever ended it."""
+        """Handle the end of the connection, whichever side closed it."""
 
     def send(self, data: bytes) -> None:
         """Queue *data*, or close the connection if its other side has stopped reading."""
         if self._transport is None or self._transport.is_closing():
             return
         if self._transport.get_write_buffer_size() + len(data) > WAITING_BYTES:
-            self._transport.abort()  # what waits will not be read: a close would wait for it
+            self._transport.abort()  # a close would wait until the unsent data is read
             self._transport = None
         else:
             self._transport.write(data)
 
     def close(self) -> None:
-        """After what waits has been sent."""
+        """Close the connection after the unsent data has been sent."""
         if self._transport is not None:
             self._transport.close()
 
@@ -94,7 +94,7 @@ class Client(asyncio.Protocol):
 async def open_listener(
     address: Address, client: Callable[[], asyncio.Protocol], tls: ssl.SSLContext | None = None
 ) -> tuple[asyncio.Server, str]:
-    """A server, and where it listens; raises `BadInput` if it cannot."""
+    """Start a server; return it and its address; raises `BadInput` if it cannot listen."""
     host, port = address
     try:
         server = await asyncio.get_running_loop().create_server(

@@ -1,4 +1,4 @@
-"""What all bridges have in common: options, the arm they are fed by, their beginning and end."""
+"""The common parts of all bridges: options, connection to the arm, start and end."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ import armd
 from armd import Arm
 from armd.printable import to_printable
 
-#: For a daemon that starts at the same time.
+#: Time limit for a connection: a daemon may be starting at the same time.
 WAIT_S = 60.0
-#: After this it says for whom it waits.
+#: After this a message says that the process waits, and for what.
 SAID_AFTER_S = 3.0
-#: Zenoh's own close waits ten seconds for a peer that stands still.
+#: Limit of closing; Zenoh's close waits ten seconds for a peer that does not respond.
 CLOSE_S = 1.0
 
 T = TypeVar("T")
@@ -36,17 +36,17 @@ ServeArm = Callable[[Arm], Awaitable[None]]
 
 
 def report_ready(name: str, endpoint: str) -> None:
-    """Whoever started this process may now use it."""
+    """Print that the process is ready; whoever started it may use it now."""
     print(f"armd: ready {name} on {endpoint}", flush=True)
 
 
 def warn(text: str) -> None:
-    """On standard error, for whoever wonders why nothing happens."""
+    """Print a message on standard error, to explain why nothing happens."""
     print(to_printable(f"armd: {text}"), file=sys.stderr, flush=True)
 
 
 def serve(args: argparse.Namespace, bridge: ServeArm) -> int:
-    """Run *bridge* on the arm that *args* names until SIGTERM or SIGINT; 0.
+    """Run *bridge* on the arm that *args* names until SIGTERM or SIGINT; return 0.
 
     Raises `ArmdError` if no such arm shows up within `WAIT_S`.
     """
@@ -54,14 +54,15 @@ def serve(args: argparse.Namespace, bridge: ServeArm) -> int:
 
 
 def serve_alone(work: Callable[[], Awaitable[None]]) -> int:
-    """The same for work that finds its arms itself."""
+    """Run work that finds its arms itself until SIGTERM or SIGINT; return 0."""
     return _ended(asyncio.run(_until_told(work)))
 
 
 def _ended(code: int) -> int:
-    """The exit code; a thread that nobody waits for ends here with the process.
+    """Return the exit code, or exit at once if another thread still runs.
 
-    It may stand within Zenoh: an interpreter that is taken down under it aborts the process.
+    That thread may be inside Zenoh, and an interpreter that shuts down meanwhile aborts the
+    process.
     """
     if threading.active_count() > 1:
         sys.stdout.flush()
@@ -96,7 +97,10 @@ async def _bridge(args: argparse.Namespace, bridge: ServeArm) -> None:
 
 
 async def wait_for_connection(work: Callable[[], T], endpoint: str) -> T:
-    """What *work* connects to in `WAIT_S` at most; whom it waits for is said after a while."""
+    """Return the result of *work*, which connects within `WAIT_S`.
+
+    After a while a message says which endpoint is awaited.
+    """
     connecting = run_in_thread(work)
     await asyncio.wait({connecting}, timeout=SAID_AFTER_S)
     if not connecting.done():
@@ -105,14 +109,14 @@ async def wait_for_connection(work: Callable[[], T], endpoint: str) -> T:
 
 
 def close_soon(session: SupportsClose) -> None:
-    """Close what may wait for its peers, for `CLOSE_S` at most."""
+    """Close a session that may wait for its peers; wait for `CLOSE_S` at most."""
     closing = threading.Thread(target=session.close, daemon=True)
     closing.start()
     closing.join(CLOSE_S)
 
 
 def run_in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
-    """Do what blocks in a thread that the end of the process does not wait for."""
+    """Run blocking work in a thread that does not delay the process's end."""
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()
 

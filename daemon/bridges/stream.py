@@ -1,4 +1,4 @@
-"""Text lines over TCP: one per measurement, or per point, to whoever connects."""
+"""Text lines over TCP for each client: one per measurement, or per point."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ POLL_S = 0.01
 
 
 class Reader(Client):
-    """Somebody who reads lines; what it sends is thrown away."""
+    """A client that reads lines; data that it sends is discarded."""
 
     def __init__(self, readers: set[Reader], header: str | None) -> None:
         super().__init__()
@@ -35,22 +35,22 @@ class Reader(Client):
         self._readers.discard(self)
 
     def eof_received(self) -> bool:
-        return True  # `nc < /dev/null` has said all it wants to, and reads on
+        return True  # `nc < /dev/null` ends its input at once, but still reads
 
 
 class LineStream:
-    """One arm's lines. Nothing past: who connects gets what comes from then on."""
+    """The lines of one arm; a client gets those made after it has connected."""
 
     def __init__(
         self, arm: Arm, line: lines.LineFormat, header: str | None, hz: float | None
     ) -> None:
-        """*hz* None: measurements; otherwise points, at most so many a second."""
+        """Prepare a stream; *hz* None: of measurements, else of at most *hz* points a second."""
         self._arm = arm
         self._line = line
         self._header = header
         self._hz = hz
         self._readers: set[Reader] = set()
-        self._slot = -1  # of the last point told, in periods of *hz*
+        self._slot = -1  # of the last point sent, in periods of *hz*
 
     async def serve(self, address: Address) -> None:
         info = await run_in_thread(self._arm.info)
@@ -64,7 +64,7 @@ class LineStream:
                 await self._tell_points(endpoint)
 
     async def _tell_measurements(self, endpoint: str) -> None:
-        """As they come: a plain subscription, which knows no past."""
+        """Send measurements as they arrive; the subscription delivers no past ones."""
         arrived: asyncio.Queue[bytes] = asyncio.Queue()
         loop = asyncio.get_running_loop()
         with self._arm.calling(keys.MEASUREMENT, lambda data: _hand_over(loop, arrived, data)):
@@ -85,7 +85,7 @@ class LineStream:
                     self._pass_on(np.frombuffer(b"".join(payloads), POINT))
 
     def _pass_on(self, points: np.ndarray[Any, np.dtype[np.void]]) -> None:
-        """The first of each period, by the points' own time."""
+        """Send the first point of each period, by the points' own time."""
         assert self._hz is not None
         for point in points:
             slot = int(point["stamp_ns"] * (self._hz * 1e-9))
@@ -105,6 +105,6 @@ class LineStream:
 
 
 def _hand_over(loop: asyncio.AbstractEventLoop, arrived: asyncio.Queue[bytes], data: bytes) -> None:
-    """From Zenoh's thread to ours."""
+    """Pass data from Zenoh's thread to the event loop."""
     if not loop.is_closed():
         loop.call_soon_threadsafe(arrived.put_nowait, data)

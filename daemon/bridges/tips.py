@@ -1,4 +1,4 @@
-"""The tips of an arm, and the direction out of the material, as hosts of CMMs want to know them."""
+"""The tips of an arm, and the direction out of the material, for hosts of CMMs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from armd.arrays import Vector
 
 @dataclass(frozen=True)
 class CmmTip:
-    """A ball on a shaft."""
+    """A tip: a ball on a shaft."""
 
     offset_mm: Vector
     """Centre of the ball in the last frame."""
@@ -20,10 +20,10 @@ class CmmTip:
 
 
 class Tips:
-    """By name as armd.toml has them; None is the calibration's own."""
+    """The tips by their names in armd.toml; None is the calibration's own tip."""
 
     def __init__(self, info: Mapping[str, Any]) -> None:
-        """Of the arm's `info`."""
+        """Read the tips from the arm's `info`."""
         active_tip = info["arm"]["tip"]
         radius_mm = active_tip["radius_mm"]
         self.by_name: dict[str | None, CmmTip] = {
@@ -38,22 +38,29 @@ class Tips:
 
     @property
     def names(self) -> list[str]:
-        """Of armd.toml, in its order."""
+        """The names in armd.toml, in its order."""
         return [name for name in self.by_name if name is not None]
 
     def get(self, name: str | None) -> CmmTip:
-        """A name that is not known, as that of a tip configured since, gives the arm's own."""
+        """Return a tip by name; an unknown name gives the arm's own tip.
+
+        A tip that was configured since has an unknown name.
+        """
         return self.by_name.get(name) or self.by_name[None]
 
     def used_in(self, measurement: Mapping[str, Any]) -> CmmTip:
-        """As it was known then, where the measurement tells it: it may be calibrated anew since."""
+        """Return the tip of a measurement with its values at that time.
+
+        The tip may have been calibrated again since. A measurement without values gives today's
+        tip.
+        """
         offset_mm, radius_mm = measurement.get("tip_offset_mm"), measurement.get("tip_radius_mm")
         if offset_mm is None or radius_mm is None:
             return self.get(measurement["tip"])
         return CmmTip(parse_vector(offset_mm), radius_mm)
 
     def out_of_material(self, measurement: Mapping[str, Any]) -> Vector:
-        """Unit vector: back along the travel before the rest, else the shaft's direction."""
+        """Return a unit vector: back along the travel before the rest, else the shaft's."""
         if measurement["approach"] is not None:
             x, y, z = measurement["approach"]
             return 0.0 - x, 0.0 - y, 0.0 - z  # not -0.0
@@ -61,9 +68,10 @@ class Tips:
 
 
 def compute_shaft(orientation: Any, tip: CmmTip) -> Vector:
-    """Unit vector from the tip to the wrist, base frame; *orientation* x y z w of the last frame.
+    """Return the unit vector from the tip to the wrist, base frame.
 
-    A tip at the last frame's origin has its shaft along that frame's z.
+    *orientation* is x y z w of the last frame. A tip at the last frame's origin has its shaft along
+    that frame's z.
     """
     length = math.hypot(*tip.offset_mm)
     along = tuple(x / length for x in tip.offset_mm) if length > 0 else (0.0, 0.0, 1.0)
@@ -71,7 +79,7 @@ def compute_shaft(orientation: Any, tip: CmmTip) -> Vector:
 
 
 def rotate(quaternion: Any, v: Vector) -> Vector:
-    """*v* turned by a unit quaternion x y z w."""
+    """Rotate *v* by a unit quaternion x y z w."""
     x, y, z, w = quaternion
     # v + 2 w (u × v) + 2 u × (u × v), u the vector part
     tx, ty, tz = 2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])
@@ -83,6 +91,6 @@ def rotate(quaternion: Any, v: Vector) -> Vector:
 
 
 def parse_vector(values: Any) -> Vector:
-    """Of JSON."""
+    """Convert three values of JSON to a vector."""
     x, y, z = values
     return x, y, z

@@ -1,1 +1,1 @@
-"""Arms that people own: nominal geometry, one arm.toml each, and how armd reads them."""
+"""Hobby and research arms: one arm.toml each with nominal geometry, and code to read them."""

@@ -1,7 +1,7 @@
-"""Lines in space, the axes of a chain at zero angles, as rows of Denavit–Hartenberg parameters.
+"""Convert between the axes of a chain at zero angles and Denavit–Hartenberg rows.
 
-Each row follows from the common normal of two neighbouring axes. Axes that are nearly parallel
-have no good one: their row is Hayati's, with d = 0 and an angle β (Hayati, CDC 1983).
+Each row follows from the common normal of two neighbouring axes. For nearly parallel axes the
+normal is ill-defined: their row is Hayati's, with d = 0 and an angle β (Hayati, CDC 1983).
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import PARALLEL_DEG
 
-#: Nearer than this, in mm, two points are one.
+#: Two points nearer than this, in mm, coincide.
 SAME_MM = 1e-9
 
 
 def convert_axes_to_rows(origins: F64, axes: F64, tip: F64, x: F64) -> tuple[F64, F64]:
-    """Rows (N, 5) of θ°, d mm, a mm, α°, β°, and the tip (3,) mm in the last frame.
+    """Return rows (N, 5) of θ°, d mm, a mm, α°, β°, and the tip (3,) mm in the last frame.
 
-    *origins* (N, 3) mm are a point on each axis, *axes* (N, 3) unit directions, *tip* (3,) mm;
-    *x* (3,) is the first frame's, at right angles to the first axis.
+    *origins* (N, 3) mm are a point on each axis, *axes* (N, 3) unit directions, *tip* (3,) mm; *x*
+    (3,) is the first frame's, at right angles to the first axis.
     """
     rows, origin = [], origins[0]
     for z, next_origin, other_z in zip(axes[:-1], origins[1:], axes[1:], strict=True):
@@ -37,15 +37,18 @@ def convert_axes_to_rows(origins: F64, axes: F64, tip: F64, x: F64) -> tuple[F64
 
 
 def choose_across(z: F64) -> F64:
-    """A unit vector (3,) at right angles to *z*: along base x where z is the base's."""
+    """Return the unit vector (3,) along *z* × base z; along *z* × base x if z is near base z."""
     x = np.cross(z, [0.0, 0.0, 1.0] if abs(z[2]) < 0.9 else [1.0, 0.0, 0.0])
     unit: F64 = x / np.linalg.norm(x)
     return unit
 
 
 def convert_rows_to_axes(rows: Sequence[Sequence[float]]) -> tuple[F64, F64, F64]:
-    """Origins (N, 3) and directions (N, 3) of the joints' axes at zero angles, and the origin (3,)
-    of the frame after the last row; rows (N, 5) of θ°, d mm, a mm, α°, β°, in the base frame."""
+    """Return the joints' axes at zero angles, and the origin of the last frame.
+
+    *rows* (N, 5) are θ°, d mm, a mm, α°, β°. Origins (N, 3) and directions (N, 3) of the axes are
+    in the base frame, as is the origin (3,) of the frame after the last row.
+    """
     rotation, position = np.eye(3), np.zeros(3)
     origins, axes = [], []
     for theta, d, a, alpha, beta in rows:
@@ -58,7 +61,7 @@ def convert_rows_to_axes(rows: Sequence[Sequence[float]]) -> tuple[F64, F64, F64
 
 
 def make_turn(axis: int, degrees: float) -> F64:
-    """Rotation matrix (3, 3) about x, y or z (0, 1, 2)."""
+    """Return the rotation matrix (3, 3) about x, y or z (0, 1, 2)."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     i, j = (axis + 1) % 3, (axis + 2) % 3
     matrix = np.eye(3)
@@ -68,14 +71,17 @@ def make_turn(axis: int, degrees: float) -> F64:
 
 
 def _measure_angle(x: F64, normal: F64, z: F64) -> float:
-    """Degrees from *x* to *normal* about *z*."""
+    """Return the angle in degrees from *x* to *normal* about *z*."""
     return math.degrees(math.atan2(np.cross(x, normal) @ z, x @ normal))
 
 
 def _make_hayati_row(
     origin: F64, x: F64, z: F64, next_origin: F64, other_z: F64
 ) -> tuple[list[float], F64, F64]:
-    """To where the other axis meets the plane at right angles to z: the row, the next x, origin."""
+    """Make the row to the point where the other axis meets the plane normal to z.
+
+    Returns the row, the next frame's x and its origin.
+    """
     point = next_origin + ((origin - next_origin) @ z) / (other_z @ z) * other_z
     length = float(np.linalg.norm(point - origin))
     normal = x if length < SAME_MM else (point - origin) / length
@@ -90,7 +96,10 @@ def _make_hayati_row(
 def _make_normal_row(
     origin: F64, x: F64, z: F64, next_origin: F64, other_z: F64
 ) -> tuple[list[float], F64, F64]:
-    """Along the common normal of both axes: the row, the next frame's x and its origin."""
+    """Make the row along the common normal of both axes.
+
+    Returns the row, the next frame's x and its origin.
+    """
     normal = np.cross(z, other_z)
     normal /= np.linalg.norm(normal)
     s, t, _ = np.linalg.solve(np.column_stack([z, -other_z, normal]), next_origin - origin)
@@ -103,5 +112,5 @@ def _make_normal_row(
 
 
 def format_point(point: F64) -> str:
-    """`(805, 0, 1180)`, to a micrometre."""
+    """Format a point as `(805, 0, 1180)`, rounded to a micrometre."""
     return "(" + ", ".join(f"{round(x, 3) + 0.0:.10g}" for x in point.tolist()) + ")"

@@ -1,4 +1,4 @@
-"""Rows of an arm's chain, changed from one form into another that places every point alike."""
+"""Convert the rows of a chain to another form that places every point equally."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from armd.daemon.catalogue.axes import (
 #: A row's parameters in arm.toml, in the order in which armd applies them.
 DH = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
 OF_THE_LINK = DH[2:]
-#: A row longer than this, in mm, is of axes that are nearly parallel: no arm is so long.
+#: A longer row, in mm, comes from nearly parallel axes: no arm is so long.
 TOO_LONG_MM = 10_000.0
-#: Digits of a length in mm and an angle in degrees that are no more than rounding.
+#: Decimals that are kept of mm and degrees; further ones are rounding errors.
 PLACES = 9
 
 
 @dataclass(frozen=True)
 class ChainRows:
-    """Joints as arm.toml has them, in armd's convention unless said otherwise."""
+    """The joints as in arm.toml, in armd's convention unless stated otherwise."""
 
     joints: list[dict[str, Any]]
     after: Mapping[str, Any] | None = None  # a row after the last joint, without an angle
     first: Sequence[float] = (0.0, 0.0, 0.0)  # a, α, β before the first joint
 
     def tip_offset(self) -> list[float]:
-        """mm, in the last joint's frame: where the row after the last joint ends."""
+        """Return the end of the row after the last joint, mm, in the last joint's frame."""
         if self.after is None:
             return [0.0, 0.0, 0.0]
         theta, d, a = (float(self.after.get(name, 0.0)) for name in DH[:3])
@@ -44,25 +44,28 @@ class ChainRows:
         return [round(value, PLACES) + 0.0 for value in (x, y, d)]
 
     def gravity(self) -> list[float]:
-        """Its direction in armd's base frame, the first axis's."""
+        """Return the direction of gravity in armd's base frame, which is the first axis's."""
         down = self._turned().T @ np.array([0.0, 0.0, -1.0])
         return [round(value, 12) + 0.0 for value in down.tolist()]
 
     def tip_text(self) -> str:
-        """`(805, 0, 1180) mm …`: in the table's base frame, at zero angles."""
+        """Return the tip at zero angles in the table's base frame: `(805, 0, 1180) mm …`."""
         _, _, end = convert_rows_to_axes(_list_parameters(self.joints))
         tip = end + _compute_last_frame(self.joints) @ np.array(self.tip_offset())
         point = np.array([self.first[0], 0.0, 0.0]) + self._turned() @ tip
         return f"{format_point(point)} mm in the table's base frame"
 
     def _turned(self) -> F64:
-        """The rotation (3, 3) of armd's base frame in the table's."""
+        """Return the rotation (3, 3) of armd's base frame in the table's."""
         _, alpha, beta = self.first
         return make_turn(0, alpha) @ make_turn(1, beta)
 
 
 def to_standard_rows(rows: ChainRows, remarks: list[str]) -> ChainRows:
-    """Modified rows as standard ones: a, α, β stand one row up, with the link that they shape."""
+    """Convert modified rows to standard ones.
+
+    The a, α, β of a modified row move up one row, to the link that they describe.
+    """
     shifted: list[dict[str, Any]] = []
     after = rows.after or {}
     for joint, link in zip(rows.joints, [*rows.joints[1:], after], strict=True):
@@ -79,7 +82,10 @@ def to_standard_rows(rows: ChainRows, remarks: list[str]) -> ChainRows:
 
 
 def convert_to_hayati(rows: ChainRows, remarks: list[str]) -> ChainRows:
-    """Rows of nearly parallel axes, kilometres long, as Hayati's, with a β and no length d."""
+    """Replace rows of nearly parallel axes, kilometres long, by Hayati's rows.
+
+    Those have a β and no length d.
+    """
     parameters = _list_parameters(rows.joints)
     nearly = [
         0.0 < abs(math.sin(math.radians(row[3]))) < math.sin(math.radians(PARALLEL_DEG))
@@ -106,7 +112,7 @@ def _list_parameters(joints: Sequence[Mapping[str, Any]]) -> list[list[float]]:
 
 
 def _compute_last_frame(joints: Sequence[Mapping[str, Any]]) -> F64:
-    """Rotation (3, 3) of the frame after the last joint, at zero angles."""
+    """Return the rotation (3, 3) of the frame after the last joint, at zero angles."""
     rotation: F64 = np.eye(3)
     for theta, _, _, alpha, beta in _list_parameters(joints):
         rotation = rotation @ make_turn(2, theta) @ make_turn(0, alpha) @ make_turn(1, beta)

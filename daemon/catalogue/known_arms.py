@@ -1,4 +1,4 @@
-"""The known arms: `NAME.toml` beside this file is the arm.toml, `KNOWN` says how it is wired."""
+"""The known arms: `NAME.toml` beside this file is the arm.toml, `KNOWN` has the wiring."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from armd.terminal.suggest import suggest
 
 @dataclass(frozen=True)
 class Bus:
-    """`[driver]` of armd.toml, as the arm comes out of the box."""
+    """The `[driver]` section of armd.toml for an arm with its factory settings."""
 
     kind: str  # "feetech" or "dynamixel"
     baud: int
@@ -44,7 +44,10 @@ KNOWN: dict[str, Bus | None] = {
 
 
 def find_spelling(name: str) -> str:
-    """The table's spelling of *name*, as SO-100; raises `BadInput` for an arm not in it."""
+    """Return the table's spelling of *name*, such as SO-100.
+
+    Raises `BadInput` for an arm that is not in the table.
+    """
     key = name.lower().replace("_", "-")
     by_letters = {arm.replace("-", ""): arm for arm in KNOWN}
     key = by_letters.get(key.replace("-", "").replace(" ", ""), key)
@@ -56,17 +59,17 @@ def find_spelling(name: str) -> str:
 
 
 def read_arm_text(name: str) -> str:
-    """The arm.toml of a known arm, comments and all."""
+    """Return the arm.toml of a known arm as text, with its comments."""
     return (files(__package__) / f"{find_spelling(name)}.toml").read_text(encoding="utf-8")
 
 
 def load_known_arm(name: str) -> Arm:
-    """The same, parsed and checked."""
+    """Return the arm.toml of a known arm, parsed and checked."""
     return load_toml(str(files(__package__) / f"{find_spelling(name)}.toml"), Arm)
 
 
 def read_title(text: str) -> str:
-    """The first line of an arm.toml's comment: what the arm is."""
+    """Return the first line of an arm.toml's comment, which names the arm."""
     return text.splitlines()[0].removeprefix("# ").removesuffix(".")
 
 
@@ -76,7 +79,7 @@ def set_serial_number(text: str, serial_number: str) -> str:
 
 
 def set_joint(text: str, k: int, values: Mapping[str, float | int]) -> str:
-    """*text* with keys of joint *k* (from 1) replaced; a key that is not there is added."""
+    """Replace keys of joint *k* (from 1) in *text*; a missing key is added."""
     head, *joints = re.split(r"(?m)^(?=\[\[joint\]\]$)", text)
     block, end, others_text = joints[k - 1].partition("\n\n")
     for key, value in values.items():
@@ -88,7 +91,7 @@ def set_joint(text: str, k: int, values: Mapping[str, float | int]) -> str:
 
 
 def write_daemon_text(arm_file: str, bus: Bus, port: str) -> str:
-    """An armd.toml that runs the arm on *port*."""
+    """Return an armd.toml that runs the arm on *port*."""
     return f"""\
 schema = "armd.daemon/1"
 arm = {_quote(arm_file)}
@@ -107,13 +110,15 @@ trigger = "rest"                       # such an arm has no button: hold the tip
 
 
 def _quote(text: str) -> str:
-    """A TOML string: JSON's, in UTF-8."""
+    """Return a TOML string, which is JSON's in UTF-8."""
     return json.dumps(text, ensure_ascii=False)
 
 
 def describe_geometry(text: str) -> str:
-    """The convention of an arm.toml's rows, and where its tip is at zero angles: what a person
-    compares with the arm on the bench."""
+    """Describe the convention of an arm.toml's rows, and its tip at zero angles.
+
+    A person compares this with the arm on the bench.
+    """
     arm = Arm.model_validate(tomllib.loads(text))
     tip_mm = compute_pose(np.zeros((1, arm.n_joints)), arm.nominal())[0][0]
     return (

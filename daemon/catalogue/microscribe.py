@@ -1,4 +1,4 @@
-"""The arm.toml of a MicroScribe, from what the factory has written into it."""
+"""The arm.toml of a MicroScribe, from the data in its memory that the factory wrote."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from armd.errors import BadInput
 
 
 def write_arm_text(factory: Factory, port: str, ball: bool) -> str:
-    """arm.toml; raises `BadInput` for geometry in a form that is not known."""
+    """Return the arm.toml; raises `BadInput` for geometry in an unknown form."""
     try:
         rows, tip = compute_rows_and_tip(factory.parameters, factory.beta, ball)
     except ValueError as error:
@@ -44,7 +44,7 @@ def write_arm_text(factory: Factory, port: str, ball: bool) -> str:
 
 
 def write_daemon_text(arm_file: str, port: str, baud: int) -> str:
-    """An armd.toml that runs the arm."""
+    """Return an armd.toml that runs the arm."""
     return f"""\
 schema = "armd.daemon/1"
 arm = "{arm_file}"

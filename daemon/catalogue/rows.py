@@ -1,4 +1,4 @@
-"""A table with a row per joint, as a drawing or a spreadsheet has it, as an arm.toml.
+"""Convert a table with a row per joint (a drawing, a spreadsheet) to an arm.toml.
 
 Its convention is the standard one, A = Rz(θ)·Tz(d)·Tx(a)·Rx(α), or the modified one (Craig 1986),
 Rx(α)·Tx(a)·Rz(θ)·Tz(d), whose row has α and a of the link before.
@@ -32,44 +32,45 @@ from armd.terminal.suggest import format_names, suggest_names
 #: Keys of a joint that a table may have.
 ROW = tuple(OF_A_JOINT)
 LENGTH_KEYS = ("d_mm", "a_mm")
-#: The conventions, and what a row is in each.
+#: Convention → the transformation of a row.
 CONVENTIONS = {
     "standard": "Rz(theta) Tz(d) Tx(a) Rx(alpha)",
     "modified": "Rx(alpha) Tx(a) Rz(theta) Tz(d), alpha and a of the link before (Craig)",
 }
-#: Columns in this order are Craig's, or somebody's who has them so in the standard convention.
+#: Columns in Craig's order; a table in the standard convention may have this order too.
 CRAIGS_ORDER = ["alpha_deg", "a_mm", "d_mm", "theta_deg"]
 #: A header's index: a_{i-1}, alpha i-1.
 _PREVIOUS = re.compile(r"[ _]*[({\[]?\s*[ijkn]\s*[-−–]\s*1\s*[)}\]]?")
 _INDEX = re.compile(r"(?<=[a-zA-Zθαβ])_\{?[ijkn]\}?(?=$|[ (\[])")
-#: A last row of this name is no joint.
+#: A last row with such a name is not a joint.
 _AFTER_THE_LAST = re.compile(r"flange|flansch|tcp|tool|werkzeug|ee|end.?effector|hand|tip", re.I)
-#: A joint's own angle as a drawing writes it, with what is added to it: q2, θ_2 - 90°.
+#: A joint's variable as a drawing writes it, with its offset: q2, θ_2 - 90°.
 _VARIABLE = re.compile(r"(?:q|θ|theta)_?\d*\*?\s*([+-]\s*[\d.]+)?\s*°?", re.I)
-#: A length of an arm, all links together, that is a slip of the unit: the smallest arm that armd
-#: knows has 0.4 m; the largest, in m, has 4.
+#: An arm whose links together are shorter has a wrong unit: the smallest arm that armd knows has
+#: 0.4 m, which are 400 mm; the largest, with its metres taken as mm, has 4.
 SHORTEST_MM = 20.0
-#: Angles of a drawing in rad, which in degrees nobody would write with decimals.
+#: Right angles of a drawing in rad; nobody writes such decimals in degrees.
 RIGHT_ANGLES_RAD = (math.pi / 2, math.pi)
 IN_DEGREES = {"deg": 1.0, "rad": 180.0 / math.pi}
-#: No length, angle or encoder of an arm has a larger number, in whatever unit.
+#: No length, angle or encoder of an arm has a larger number, in any unit.
 LARGEST = 1e12
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Where a joint's keys stand in the table, and what a number of each is multiplied by."""
+    """The column of each key of a joint, and the factor of its numbers."""
 
     by_key: dict[str, tuple[int, float]]
     remarks: list[str]
-    previous: bool  # a header's index is i-1
+    previous: bool  # whether a header's index is i-1
     names: int | None  # the column that names or counts the joints
 
 
 def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]]:
-    """The text of arm.toml, and what was assumed; raises `BadInput`.
+    """Return the text of arm.toml and the assumptions made; raises `BadInput`.
 
-    *convention*: "standard" or "modified"; without it as the headers say, or the standard one.
+    *convention* is "standard" or "modified"; without it the headers decide, else it is the standard
+    one.
     """
     table = read_table(path)
     columns = _find_columns(table)
@@ -104,7 +105,7 @@ def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]
 
 
 def _write_text(rows: ChainRows, remarks: list[str]) -> str:
-    """arm.toml; *remarks* gets where the tip is at zero angles, so that a person can check it."""
+    """Return the arm.toml; add to *remarks* the tip at zero angles, for a person to check."""
     remarks.append(f"the tip at zero angles: {rows.tip_text()}")
     sensors = dict.fromkeys(str(j["temperature"]) for j in rows.joints if "temperature" in j)
     content: dict[str, Any] = {
@@ -123,7 +124,10 @@ def _write_text(rows: ChainRows, remarks: list[str]) -> str:
 
 
 def _find_convention(table: ForeignTable, columns: Columns) -> str:
-    """As the headers say it; raises `BadInput` where their order is Craig's and nothing else."""
+    """Return the convention that the headers show.
+
+    Raises `BadInput` where the columns are in Craig's order and no index confirms it.
+    """
     if columns.previous:
         columns.remarks.append("alpha and a have the index i-1: the table is of the modified form")
         return "modified"
@@ -151,7 +155,7 @@ def _make_joint(table: ForeignTable, row: int, columns: Columns) -> dict[str, An
 def _find_after_last(
     table: ForeignTable, columns: Columns, joints: list[dict[str, Any]], remarks: list[str]
 ) -> dict[str, Any] | None:
-    """The last row, if it is named as no joint is: taken out of *joints*."""
+    """Remove the last row from *joints* and return it, if its name is not a joint's."""
     if columns.names is None or not _AFTER_THE_LAST.fullmatch(table.rows[-1][columns.names]):
         return None
     remarks.append(f"the row {table.rows[-1][columns.names]!r} is no joint: it places the tip")
@@ -194,7 +198,7 @@ def _find_columns(table: ForeignTable) -> Columns:
 
 
 def _describe_assumed_unit(name: str) -> str:
-    """The unit of a column whose header says none."""
+    """Describe the assumed unit of a column whose header has none."""
     unit = {"mm": "mm", "deg": "degrees"}.get(name.rpartition("_")[2])
     return f", in {unit}: its header says no unit" if unit else ""
 
@@ -204,7 +208,7 @@ def _read_size(
     columns: Mapping[str, tuple[int, float]],
     joints: Sequence[Mapping[str, Any]],
 ) -> str:
-    """How long the arm is; raises `BadInput` where its units cannot be armd's."""
+    """Describe the arm's total length; raises `BadInput` where its units cannot be armd's."""
     for name in ("theta_deg", "alpha_deg"):
         values = [abs(float(joint.get(name, 0.0))) for joint in joints]
         in_rad = any(abs(v - right) < 0.01 for v in values for right in RIGHT_ANGLES_RAD)
@@ -222,7 +226,7 @@ def _read_size(
 
 
 def _get_factor(table: ForeignTable, header: str, name: str, unit: str) -> float:
-    """From the column's unit to armd's."""
+    """Return the factor from the column's unit to armd's."""
     units: Mapping[str, float] = {}
     if name.endswith("_mm"):
         units = LENGTHS
@@ -257,4 +261,4 @@ def _read_value(
         raise table.fault(row, column, f"a number of {LARGEST:g} at most")
     if name == "counts_per_turn":
         return int(value)
-    return float(np.round(factor * value, 9))  # 17.5 in are 444.5 mm, no digits of 2⁻⁵³ after
+    return float(np.round(factor * value, 9))  # 17.5 in are 444.5 mm, without rounding errors

@@ -1,8 +1,8 @@
 """Universal Robots' `default_kinematics.yaml`, as their ROS description reads it.
 
-Each joint's frame stands in the one before it by x, y, z (m) and roll, pitch, yaw (rad), and turns
-about its z: a row of the modified convention, Tx(a)·Rx(α)·Ry(β) of the joint before and Rz(θ)·Tz(d)
-of its own. What follows the last joint has no place there.
+Each joint's frame is placed in the one before it by x, y, z (m) and roll, pitch, yaw (rad), and
+turns about its z. That is a row of the modified convention: Tx(a)·Rx(α)·Ry(β) of the joint before
+and Rz(θ)·Tz(d) of its own. The file cannot hold anything that follows the last joint.
 """
 
 from __future__ import annotations
@@ -17,13 +17,16 @@ from armd.daemon.catalogue.urdf.roll_pitch_yaw import convert_matrix_to_rpy
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
-#: Smaller than this (mm, rad) counts as nothing.
+#: A smaller value (mm, rad) counts as zero.
 NOTHING = 1e-9
 FIRST_LINE = "# Written by armd model"
 
 
 def write_kinematics_yaml(arm: Arm, parameters: F64, name: str, identity: str) -> str:
-    """The file's text; *name* of the arm for its comment, *identity* for its hash."""
+    """Return the file's text.
+
+    *name* of the arm is for its comment, *identity* for its hash.
+    """
     lines = [f"{FIRST_LINE}: {name}", "kinematics:"]
     origins, rotations = (
         part[0] for part in compute_frames(np.zeros((1, arm.n_joints)), parameters)
@@ -45,7 +48,7 @@ def write_kinematics_yaml(arm: Arm, parameters: F64, name: str, identity: str) -
 
 
 def describe_omitted(arm: Arm, parameters: F64) -> list[str]:
-    """What follows the last joint's z, where it is not nothing: `a_6 = 0.3 mm`."""
+    """List the values after the last joint's z that are not zero: `a_6 = 0.3 mm`."""
     names = [f"{name}_{arm.n_joints}" for name in ("a", "alpha", "beta")]
     names += ["tip_x", "tip_y", "tip_z"]
     lines = []
@@ -58,7 +61,7 @@ def describe_omitted(arm: Arm, parameters: F64) -> list[str]:
 
 
 def _format_number(value: float) -> str:
-    """Also a number to YAML 1.1, which takes 1e-05 for a text."""
+    """Format a number so that YAML 1.1 reads it as one; it takes 1e-05 for a text."""
     text = repr(value + 0.0)
     mantissa, e, exponent = text.partition("e")
     return text if not e or "." in mantissa else f"{mantissa}.0e{exponent}"

@@ -1,1 +1,1 @@
-"""The commands of `armd`, one module each, in rooms; here what several of them share."""
+"""The commands of `armd`, one module each, in folders by kind; shared parts are here."""

@@ -16,25 +16,28 @@ GROUP: Group = "armd.commands"
 
 @dataclass(frozen=True)
 class AddedCommand:
-    """A module of another package with `HELP`, `add_arguments` and `run`, as armd's own have."""
+    """A module of another package with `HELP`, `add_arguments` and `run`, like armd's own."""
 
     plugin: Plugin
     module: ModuleType
 
     @property
     def help_line(self) -> str:
-        """Its line in `armd --help`."""
+        """The command's line in `armd --help`."""
         return f"{self.module.HELP} ({self.plugin.package})"
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Raises `BadInput` where the package's own code fails."""
+        """Add the command's options; raises `BadInput` where the package's code fails."""
         try:
             self.module.add_arguments(parser)
         except Exception as error:
             raise self.plugin.fault_of(error, "that add_arguments takes a parser") from error
 
     def run(self, args: argparse.Namespace) -> int:
-        """The exit code; of an exception that nobody foresaw 70, as for armd's own commands."""
+        """Run the command and return its exit code.
+
+        An unexpected exception gives 70, as for armd's own commands.
+        """
         try:
             return int(self.module.run(args) or 0)
         except ANSWERED:
@@ -44,12 +47,12 @@ class AddedCommand:
 
 
 def load_added_command(name: str, built_in: Collection[str]) -> AddedCommand | None:
-    """The command *name* of a package; None without one that works."""
+    """Return the command *name* of a package; None without one that works."""
     return load_named(GROUP, name, built_in, _check_command)
 
 
 def load_added_commands(built_in: Collection[str]) -> dict[str, AddedCommand]:
-    """All commands of other packages, by name."""
+    """Return all commands of other packages, by name."""
     return load_all(GROUP, built_in, _check_command)
 
 

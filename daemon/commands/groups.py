@@ -1,4 +1,4 @@
-"""The table of commands: what each does, by the groups of `armd --help`, and its folder."""
+"""The table of commands by the groups of `armd --help`: action and folder of each."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ FOLDERS = {name: folder for group in GROUPS.values() for name, (folder, _) in gr
 
 
 def format_grouped_help(added: Mapping[str, str]) -> str:
-    """All commands under their headings, then those that other packages *added*, by name."""
+    """List all commands under their headings, then those that other packages *added*."""
     groups = {title: {name: COMMANDS[name] for name in names} for title, names in GROUPS.items()}
     if added:
         groups["of other packages"] = dict(added)

@@ -1,4 +1,4 @@
-"""How a person sees an arm in a terminal."""
+"""The display of an arm in a terminal."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ WIDTH = 80
 
 
 class Screen(Closing):
-    """A panel that lives as long as its `with`; `show` brings it up to date."""
+    """A panel that exists within its `with` statement; `show` updates it."""
 
     def __init__(self, arm: Arm, console: Console) -> None:
         self._arm = arm
@@ -55,7 +55,7 @@ class Screen(Closing):
         self._stack.close()
 
     def show(self, points: npt.NDArray[np.void], elapsed_s: float) -> None:
-        """*points* (n,) of dtype `POINT` came during the last *elapsed_s*."""
+        """Update the panel with *points* (n,) of dtype `POINT` of the last *elapsed_s*."""
         if len(points):
             self._point = Point.from_array(points[-1:])[0]
         for payload in self._health_stream.take():
@@ -94,7 +94,7 @@ class Screen(Closing):
             "stream", stream + (f" · {n_rejected} of somebody else" if n_rejected else "")
         )
         for event in self._events:
-            table.add_row("event", Text(to_printable(event)))  # "[/x]" is no markup of ours
+            table.add_row("event", Text(to_printable(event)))  # "[/x]" in a text is not markup
         title = Text(f"armd · {to_printable(self._arm.serial)}")
         end = Text("Ctrl-C ends it", "dim")
         return Panel(
@@ -104,7 +104,10 @@ class Screen(Closing):
 
 
 def generate_refreshes(seconds: float | None, every_s: float) -> Iterator[float]:
-    """For ever or for *seconds*: the time since the last refresh, when the next is due."""
+    """Yield the time since the last refresh whenever the next is due.
+
+    It ends after *seconds*, or never.
+    """
     start_s = last_s = time.monotonic()
     while seconds is None or last_s - start_s < seconds:
         time.sleep(every_s)
@@ -118,7 +121,7 @@ def format_flags(flags: int) -> str:
 
 
 def format_temperatures(health: dict[str, Any]) -> str:
-    """All sensors of a health message by name, in °C; a dash where one is invalid."""
+    """Format all sensors of a health message by name, in °C, with a dash for an invalid one."""
     cells = "  ".join(
         f"{name} {value:.2f}" if isinstance(value, int | float) else f"{name} –"
         for name, value in health.get("temperatures", {}).items()
@@ -127,7 +130,10 @@ def format_temperatures(health: dict[str, Any]) -> str:
 
 
 def format_uncertainty(point: Point) -> str:
-    """Expanded (k = 2) along each axis, in µm, from the point's covariance."""
+    """Format the expanded uncertainty (k = 2) along each axis, in µm.
+
+    It is from the point's covariance.
+    """
     xx, _, _, yy, _, zz = point.covariance_mm2
     axes = [2e3 * math.sqrt(v) if v >= 0 else math.nan for v in (xx, yy, zz)]
     if any(map(math.isnan, axes)):
@@ -136,7 +142,7 @@ def format_uncertainty(point: Point) -> str:
 
 
 def format_sources(health: dict[str, Any]) -> str:
-    """Tip and calibration, and where the samples come from."""
+    """Format tip, calibration, and the source of the samples."""
     name = health.get("tip") or "of the calibration"
     calibration = health.get("calibration") or "none"
     return f"tip {name} · calibration {calibration} · {health.get('source', 'live')}"

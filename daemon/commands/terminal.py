@@ -1,4 +1,4 @@
-"""Standard output that nobody reads any more."""
+"""Handle a standard output that cannot be written any more."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 
 def drop_output() -> None:
-    """Let the rest of standard output go: its reader has left, or its disk is full."""
+    """Discard the rest of standard output: its reader is gone, or its disk is full."""
     standard_output = sys.__stdout__
     if standard_output is not None and standard_output is sys.stdout:
         nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -1,7 +1,7 @@
-"""What `armd COMMAND --help` says below the options: examples, units, exit codes, the page.
+"""The help text below the options of a command: examples, units, exit codes, the page.
 
-One entry per command but `simulate`, a program of its own (`simulator/options.py`); the examples
-are held to the options, and the exit codes to the commands, by a test.
+There is one entry per command except `simulate`, a separate program (`simulator/options.py`). A
+test checks the examples against the options, and the exit codes against the commands.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""What stands between this machine and an arm, and the command that mends it. Changes nothing."""
+"""Find the obstacles between this machine and an arm, and their remedies, changing nothing."""

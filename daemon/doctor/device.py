@@ -1,5 +1,8 @@
-"""Whether a path is a serial port at all: a file, /dev/null or a screen is none, and nobody who
-holds it stands in the way."""
+"""Check whether a path can be a serial port.
+
+A file, /dev/null or a terminal screen cannot be one; then it does not matter which process holds
+it.
+"""
 
 from __future__ import annotations
 
@@ -19,18 +22,21 @@ KINDS = {
     stat.S_IFBLK: "a disk",
 }
 CONTROLLING = os.makedev(5, 0)  # /dev/tty
-#: Why a serial port may not open that is one: what holds it, or keeps us from it, is asked later.
+#: Errors of opening a real serial port; later checks find the process or permission behind them.
 MAY_BE_ONE = (errno.EBUSY, errno.EAGAIN, errno.EACCES, errno.EPERM)
 
 
 def may_be_a_port(port: Path, patient: Patient) -> bool:
-    """Whether *port* is there and may be a serial port; if not, *patient* says what it is."""
+    """Return whether *port* exists and may be a serial port.
+
+    If not, *patient* gets a finding that says what it is.
+    """
     try:
         mode = port.stat().st_mode
     except FileNotFoundError:
         patient.find("no_port", *_describe_missing(port))
         return False
-    except OSError as error:  # a folder that is closed to us, a loop of links
+    except OSError as error:  # a folder without permission, a loop of links
         patient.find("no_port", f"{port} cannot be looked at: {error.strerror}", f"namei -l {port}")
         return False
     kind = (
@@ -45,7 +51,7 @@ def may_be_a_port(port: Path, patient: Patient) -> bool:
 
 
 def _describe_missing(port: Path) -> tuple[str, str]:
-    """What to say of it, and what to do."""
+    """Return a description of the missing port, and a remedy."""
     if not port.is_symlink():
         return f"{port} is not there", f"plug the arm in; {LISTED}"
     target = port.readlink()
@@ -56,7 +62,7 @@ def _describe_missing(port: Path) -> tuple[str, str]:
 
 
 def _describe_character(device: Path) -> str:
-    """What a character device is that is no serial port; "" for one that may be."""
+    """Describe a character device that is not a serial port; "" for one that may be."""
     try:
         fd = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""One port after the other: may it be opened, and who is on it?"""
+"""Examine one port: whether it can be opened, and which device answers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SYNC_EVERY_S, SYNC_S, GREETING_S = 0.03, 0.4, 0.3
 
 
 def diagnose_port(port: str, machine: ThisMachine) -> Patient:
-    """What is on *port* and what stands in the way; nothing on it is changed."""
+    """Return the devices and the obstacles on *port*; nothing is changed."""
     patient = Patient(port)
     if not (may_be_a_port(Path(port), patient) and machine.examine(Path(port), patient)):
         return patient
@@ -69,7 +69,10 @@ def _report_nobody(line: Line, patient: Patient) -> None:
 
 
 def _examine_own_wire(line: Line, patient: Patient) -> bool:
-    """An arm that speaks armd's own wire streams unasked, and says who it is if asked."""
+    """Look for an arm with armd's own protocol; return whether one is there.
+
+    Such an arm streams without a request, and identifies itself on request.
+    """
     for baud in OWN_BAUDS:
         if not line.set_baud(baud):
             continue
@@ -113,8 +116,11 @@ def _examine_scribe(line: Line, patient: Patient) -> bool:
 
 
 def _greets(line: Line) -> bool:
-    """Whether a MicroScribe begins a session; it is ended, so that the next one may begin. Its
-    greeting is not what it was told: an adapter that hears what it says is none."""
+    """Return whether a MicroScribe begins a session; end it, so that the next one may begin.
+
+    The greeting differs from the request, so an adapter with an echo is not taken for a
+    MicroScribe.
+    """
     line.send(bytes([microscribe.END]))
     line.hear(0.015)
     deadline, synchronous = time.monotonic() + SYNC_S, False

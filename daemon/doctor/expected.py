@@ -1,4 +1,4 @@
-"""What armd.toml says of a port, against who answers there."""
+"""Compare armd.toml's entries for a port with the devices that answer there."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ OTHERS = {"serial": "an arm of armd's own wire", "microscribe": "a MicroScribe"}
 
 
 def compare(patient: Patient, file: Path, driver: ServoConfig) -> None:
-    """Findings for every servo that *file* names and nobody answers as, and for another rate."""
+    """Report each servo of *file* that does not answer, and another kind or rate."""
     if not patient.protocol:
-        return  # nobody is there at all, which has been told
+        return  # no device answers, which is reported already
     if patient.protocol != driver.kind:
         device = OTHERS.get(patient.protocol, f"{patient.protocol} servos")
         text = f"{file}: driver.kind: found {driver.kind}, and {device} on the line"
@@ -35,7 +35,7 @@ def compare(patient: Patient, file: Path, driver: ServoConfig) -> None:
 
 
 def list_named_servos(driver: ServoConfig) -> dict[int, str]:
-    """Servo id → what it is for."""
+    """Return servo id → its purpose."""
     purposes = dict.fromkeys(driver.temperature_ids or [], "temperature_ids")
     if driver.trigger is not None:
         purposes[driver.trigger.id] = "trigger"

@@ -1,4 +1,4 @@
-"""What the doctor says."""
+"""The findings of `armd doctor`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Obstacle:
-    """One thing that stands in the way."""
+    """One obstacle, with its remedy."""
 
     kind: str  # "permission", "latency_timer", "missing_id", …: docs/how-to/doctor.md
     text: str  # a sentence
@@ -18,15 +18,15 @@ class Obstacle:
 
 @dataclass
 class Patient:
-    """A port or a bus of this machine: what is on it, and what is wrong with it."""
+    """A port or a bus of this machine, with facts and findings about it."""
 
     name: str
     facts: list[str] = field(default_factory=list)
     findings: list[Obstacle] = field(default_factory=list)
     servos: Sequence[dict[str, Any]] = ()  # as armd.drivers.poll.protocol.family.Servo, with "id"
-    protocol: str = ""  # who answers: a `kind` of [driver], or ""
+    protocol: str = ""  # of the device that answers: a `kind` of [driver], or ""
     baud: int | None = None
-    rate_hz: float | None = None  # cycles a second that were reached
+    rate_hz: float | None = None  # measured cycles a second
 
     def say(self, fact: str) -> None:
         self.facts.append(fact)

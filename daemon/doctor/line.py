@@ -1,4 +1,4 @@
-"""A serial line to ask on: one request, and what comes back within a while."""
+"""A serial line for requests: send one, and receive the answers within a time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from armd.drivers.ports import is_pseudo
 from armd.drivers.waiting import has_bytes
 
 BYTES = 4096
-ECHO_S = 0.1  # an adapter gives bytes back within 16 ms, on a busy host later
+ECHO_S = 0.1  # an adapter returns bytes within 16 ms, later on a busy host
 
 
 class Line(Closing):
@@ -22,7 +22,7 @@ class Line(Closing):
 
     def __init__(self, port: str, baud: int) -> None:
         self.baud = baud
-        self.echoes = False  # as far as is known
+        self.echoes = False  # until an echo is detected
         self.heard_bytes = 0
         self._port = serial.Serial(port, baud, timeout=0, exclusive=True)
         self.is_pseudo = is_pseudo(self._port.fileno())
@@ -31,7 +31,7 @@ class Line(Closing):
         self._port.close()
 
     def set_baud(self, baud: int) -> bool:
-        """Whether the adapter can."""
+        """Set the rate; return whether the adapter supports it."""
         try:
             self._port.baudrate = baud
         except (OSError, ValueError):
@@ -44,7 +44,7 @@ class Line(Closing):
         self._port.write(data)
 
     def hear(self, seconds: float) -> bytes:
-        """What comes first within *seconds*; empty if nothing does."""
+        """Return the first bytes within *seconds*; empty if none come."""
         if not has_bytes(self._port.fileno(), max(0.0, seconds)):
             return b""
         heard = bytes(self._port.read(BYTES))
@@ -52,25 +52,25 @@ class Line(Closing):
         return heard
 
     def hears(self, word: bytes, seconds: float) -> bool:
-        """Whether *word* comes within *seconds*."""
+        """Return whether *word* comes within *seconds*."""
         deadline, heard = time.monotonic() + seconds, b""
         while word not in heard and (chunk := self.hear(deadline - time.monotonic())):
             heard += chunk
         return word in heard
 
     def listen_to_itself(self, request: bytes) -> None:
-        """Whether the adapter hears what it says; *request* is one that nobody answers."""
+        """Detect whether the adapter echoes; *request* is one that no device answers."""
         self.send(request)
         self.echoes = self.echoes or self.hears(request, ECHO_S)
 
     def ask(
         self, family: Family, request: bytes, ids: Collection[int], wait_s: float
     ) -> list[Packet]:
-        """The answers of *ids*, until each has given one. *wait_s* is without the bytes' own time.
+        """Return the answers of *ids*, until each has given one.
 
-        Where the adapter hears what it says, one packet that equals the request is its echo, and
-        one that comes late is of an id that is not asked any more. Elsewhere it is an answer: a
-        Feetech's to a ping, with the error bit "voltage".
+        *wait_s* is without the bytes' own time. Where the adapter echoes, one packet that equals
+        the request is its echo; an echo that comes late has an id that is not asked any more.
+        Elsewhere such a packet is an answer: a Feetech's to a ping, with the error bit "voltage".
         """
         splitter = family.splitter()
         self.send(request)
@@ -80,7 +80,7 @@ class Line(Closing):
         while len(answers) < len(ids) and heard:
             heard = self.hear(deadline - time.monotonic())
             deadline = max(deadline, time.monotonic() + 0.004)
-            # At the end also what hides behind bytes that only look like a packet's beginning.
+            # At the end, flush packets behind bytes that only look like a packet's beginning.
             for packet in splitter.push(heard) if heard else splitter.flush():
                 if echo_due and packet.raw == request:
                     echo_due = False

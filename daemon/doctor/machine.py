@@ -1,4 +1,4 @@
-"""This machine's side of a port: who may open it, who holds it, how late it hands bytes on."""
+"""This machine's part of a port: permission, processes that hold it, latency."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pathlib import Path
 
 from armd.daemon.doctor.finding import Patient
 
-#: The USB serial chips whose driver holds bytes back: 16 ms unless told otherwise.
+#: Setting of USB serial chips whose driver delays bytes, by 16 ms as a default.
 TIMER = "bus/usb-serial/devices/{name}/latency_timer"
 MODEM_MANAGER = "ModemManager"
 
 
 @dataclass(frozen=True)
 class ThisMachine:
-    """Where it keeps its knowledge; other places in tests."""
+    """The machine's folders with information about ports; tests use other folders."""
 
     sys: Path = Path("/sys")
     proc: Path = Path("/proc")
@@ -26,7 +26,10 @@ class ThisMachine:
     groups: Collection[int] = field(default_factory=lambda: {os.getegid(), *os.getgroups()})
 
     def examine(self, port: Path, patient: Patient) -> bool:
-        """Say what there is to say of *port*, which is there; whether it can be opened."""
+        """Examine *port*, which exists, and return whether it can be opened.
+
+        Facts and findings go to *patient*.
+        """
         device = port.resolve()
         if device != port:
             patient.say(f"is {device}")
@@ -56,7 +59,7 @@ class ThisMachine:
         try:
             milliseconds = int(timer.read_text())
         except (OSError, ValueError):
-            return True  # no such timer: a CDC-ACM adapter, a pty
+            return True  # a CDC-ACM adapter or a pty has no such timer
         patient.say(f"latency timer {milliseconds} ms")
         if milliseconds > 1:
             text = f"the adapter holds bytes back for up to {milliseconds} ms (latency timer)"
@@ -70,7 +73,7 @@ class ThisMachine:
         return True
 
     def _holders(self, device: Path, patient: Patient) -> bool:
-        if device.parent.name == "pts":  # the other end of a pty holds this end as well
+        if device.parent.name == "pts":  # the process at the other end of a pty holds this end, too
             return True
         is_held = False
         for process in self.proc.glob("[0-9]*"):
@@ -80,7 +83,7 @@ class ThisMachine:
                 links = [fd.readlink() for fd in (process / "fd").iterdir()]
                 name = (process / "comm").read_text().strip()
             except OSError:
-                continue  # gone meanwhile, or not ours to see
+                continue  # the process has ended, or may not be inspected
             if name == MODEM_MANAGER:
                 patient.say("ModemManager runs; it tries every new serial port for a modem")
             if device not in links:
@@ -96,7 +99,7 @@ class ThisMachine:
 
 
 def list_can_buses(sys: Path = Path("/sys")) -> list[Patient]:
-    """The CAN interfaces of this machine."""
+    """List the CAN interfaces of this machine."""
     patients = []
     for interface in sorted((sys / "class/net").glob("*")):
         try:

@@ -1,4 +1,4 @@
-"""Servos on a line: who answers at which rate, what they say of themselves, how fast it goes."""
+"""Find servos on a line: their ids and rate, their properties, the cycle rate."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from armd.drivers.poll.protocol.family import Family, Servo, find_model_name
 from armd.drivers.poll.protocol.packet import Status
 from armd.drivers.poll.protocol.rates import BAUDS
 
-#: Asked at every rate. Where one answers, all ids are asked.
+#: Likely ids are pinged at every rate; where one answers, all ids are pinged.
 LIKELY_IDS, ALL_IDS, NOBODY = range(1, 17), range(253), 253
-#: A servo answers within 0.5 ms; an adapter may hold that back for 16 ms, and a Python fake longer.
+#: A servo answers within 0.5 ms; an adapter may delay that by 16 ms, and a simulated servo longer.
 ANSWER_S = 0.025
 RATE_S = 0.5
-SLOW_US = 100  # a return delay beyond this costs more than the answer itself
+SLOW_US = 100  # a longer return delay takes more time than the answer itself
 
 
 def find_servos(line: Line, patient: Patient) -> bool:
-    """Look for servos of all kinds at all rates; whether some are there."""
+    """Look for servos of all kinds at all rates; return whether there are some."""
     line.listen_to_itself(feetech.make_ping(NOBODY))
-    pinged: set[int] = set()  # with Feetech's ping, which is that of Dynamixel's protocol 1.0
+    pinged: set[int] = set()  # rates with Feetech's ping, the same as Dynamixel 1.0's
     for kind, bauds in BAUDS.items():
         for baud in bauds:
             if (kind != "dynamixel" and baud in pinged) or not line.set_baud(baud):
@@ -48,7 +48,7 @@ def find_servos(line: Line, patient: Patient) -> bool:
 
 
 def _answering(line: Line, family: Family, ids: Iterable[int], wait_s: float) -> dict[int, float]:
-    """Ids that answer a ping, and after how many seconds."""
+    """Return the ids that answer a ping, and the seconds until each answer."""
     ping = dynamixel.make_ping if family.name == "dynamixel" else feetech.make_ping
     answer_s = {}
     for servo in ids:
@@ -60,8 +60,11 @@ def _answering(line: Line, family: Family, ids: Iterable[int], wait_s: float) ->
 
 
 def _distinguish(line: Line, ids: Sequence[int]) -> Family:
-    """Feetech's servos or those of Dynamixel's protocol 1.0, whose packets are the same: a known
-    model and the id are in the registers of the one or of the other."""
+    """Distinguish Feetech's servos from those of Dynamixel's protocol 1.0.
+
+    Their packets are the same. A known model and the id are in the registers of one or of the
+    other.
+    """
     old = FAMILIES["dynamixel1"]
     for servo in ids:
         data = read(line, old, servo, 0, old.identity_bytes)
@@ -98,7 +101,10 @@ def _examine(line: Line, family: Family, ids: Sequence[int], patient: Patient) -
 
 
 def read(line: Line, family: Family, servo: int, address: int, length: int) -> bytes | None:
-    """Registers of one servo; by a read, or by a sync read where that is not answered."""
+    """Read registers of one servo; use a sync read where a read is not answered.
+
+    Returns None without an answer.
+    """
     for request in (
         family.read(servo, address, length),
         family.sync_read([servo], address, length),
@@ -111,9 +117,9 @@ def read(line: Line, family: Family, servo: int, address: int, length: int) -> b
 
 
 def _report_missing(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> None:
-    """Gaps in the row of ids: perhaps such a servo speaks at another rate."""
+    """Report gaps in the row of ids; look for such servos at other rates."""
     baud = line.baud
-    first = min(ids) if min(ids) > 10 else 1  # some makers begin at 11
+    first = min(ids) if min(ids) > 10 else 1  # some makers start at 11
     missing = [i for i in range(first, max(ids)) if i not in ids]
     for other_baud in BAUDS[family.name]:
         if other_baud == baud or not missing or not line.set_baud(other_baud):
@@ -175,13 +181,15 @@ def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
 def _measure_rate(
     line: Line, family: Family, ids: Sequence[int], readable: set[int], patient: Patient
 ) -> None:
-    """Cycles a second, of position and temperature, as the driver reads them when it is quick.
-    *readable*: those that have answered a read of their own."""
+    """Measure cycles a second of position and temperature, with the driver's requests.
+
+    *readable*: servos that have answered a single read.
+    """
     single_ids = [[servo] for servo in ids]
     cycles = _measure(line, family, [ids] if family.has_sync else single_ids)
     only_alone = [servo for servo in ids if servo in readable and not cycles.answered[servo]]
     how = "" if family.has_sync else ", read one by one"
-    if only_alone and family.has_sync:  # the driver then reads all of them one by one
+    if only_alone and family.has_sync:  # the driver then reads all one by one
         cycles, how = _measure(line, family, single_ids), ", read one by one"
     patient.rate_hz = round(cycles.rate_hz, 1)
     patient.say(
@@ -210,17 +218,17 @@ def _measure_rate(
 
 @dataclass
 class _Cycles:
-    """What came of asking for some time."""
+    """The result of requesting cycles for some time."""
 
-    line_s: float  # that a cycle needs on the line
+    line_s: float  # duration of a cycle on the line
     n: int = 0
-    rate_hz: float = 0.0  # of whole ones
+    rate_hz: float = 0.0  # of complete cycles
     answered: Counter[int] = field(default_factory=Counter)  # cycles, by servo
     alerts: dict[int, int] = field(default_factory=dict)  # error bytes
 
 
 def _measure(line: Line, family: Family, parts: Sequence[Sequence[int]]) -> _Cycles:
-    """Ask for cycles of *parts*, the ids of one request each: a sync read, or a read of one."""
+    """Request cycles of *parts*, the ids of one request each: a sync read, or a read of one."""
     length, span = family.warm_bytes, (family.position, family.warm_bytes)
     is_sync = len(parts) == 1 and family.has_sync
     requests = [
@@ -255,7 +263,7 @@ def _select_complete(family: Family, statuses: list[Status], length: int) -> lis
 
 
 def _ids(ids: Sequence[int]) -> str:
-    """Their names, runs of three and more as 7 to 19."""
+    """Return the servos' names, with runs of three and more as 7 to 19."""
     runs: list[list[int]] = []
     for i in sorted(ids):
         if runs and i == runs[-1][-1] + 1:

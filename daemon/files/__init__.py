@@ -1,1 +1,1 @@
-"""What is kept in files: recordings, sessions, and the measurements and tips of an arm."""
+"""Files that the daemon and its commands write: recordings, sessions, measurements, tips."""

@@ -1,4 +1,4 @@
-"""An artefact's certificate as a table: a row per target, or per length between two of them."""
+"""Read an artefact's certificate as a table: a row per target, or per length between two."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from armd.errors import BadInput
 from armd.files.schema import validate
 from armd.terminal.suggest import format_names
 
-#: Columns of uncertainty, and the standard one's share of it: certificates state U with k = 2.
+#: Column of uncertainty → factor to a standard uncertainty: certificates state U with k = 2.
 UNCERTAINTY = {
     **dict.fromkeys(("u", "standarduncertainty", "standarduncertaintymm", "uc", "sigma"), 1.0),
     **dict.fromkeys(("expandeduncertainty", "uk2", "u95", "uncertaintyk2"), 0.5),
@@ -25,7 +25,7 @@ TO = ("to", "b", "second", "bis", "sphere2", "ball2", "target2", "point2", "and"
 
 
 def read_artefact_table(path: Path) -> tuple[Artefact, list[str]]:
-    """The artefact that a certificate's table describes, and what was assumed, a sentence each.
+    """Return the artefact of a certificate's table, and the assumptions as sentences.
 
     Columns: a name and x, y, z, or two names and a length; optionally an uncertainty. Raises
     `BadInput`.
@@ -66,9 +66,9 @@ def read_artefact_table(path: Path) -> tuple[Artefact, list[str]]:
 
 
 def _find_uncertainty_factor(header: str) -> float | None:
-    """What a standard uncertainty is of a column's numbers, or None for another column."""
+    """Return the factor from a column to a standard uncertainty, None for another column."""
     word, _ = split_unit(header)
-    if word == "u":  # a capital U is the expanded one (GUM 6.2)
+    if word == "u":  # a capital U is an expanded uncertainty (GUM 6.2)
         return 0.5 if header.strip()[:1] == "U" else 1.0
     return UNCERTAINTY.get(word)
 

@@ -1,8 +1,8 @@
-"""Tips calibrated since armd.toml was written: kept in the state folder, and in force from there.
+"""Tips calibrated since armd.toml was written: kept in the state folder, and active.
 
-armd.toml is a person's file; the daemon writes none of it. What it keeps of a tip stands beside
-what armd.toml said of that tip then, and holds for as long as armd.toml says the same: who edits
-the tip there means it.
+armd.toml belongs to the user, so the daemon does not write it. It stores a tip together with
+armd.toml's entry for that tip at that time. The stored tip is active as long as armd.toml has the
+same entry: an edit there replaces it.
 """
 
 from __future__ import annotations
@@ -27,26 +27,26 @@ MOST_KEPT = 100
 
 
 class KeptTip(Strict):
-    """One tip: what it is now, and what armd.toml had in its place (None: nothing)."""
+    """One stored tip, and armd.toml's entry at that time (None: no entry)."""
 
     tip: Tip
     configured: Tip | None = None
 
 
 class KeptTips(Strict):
-    """The content of the file."""
+    """The content of the file of stored tips."""
 
     schema_: Literal["armd.tips/1"] = Field("armd.tips/1", alias="schema")
     tips: dict[str, KeptTip] = {}
 
 
 def locate_tips_file(serial: str) -> Path:
-    """Of one arm."""
+    """Return the path of an arm's file of stored tips."""
     return find_state_folder() / "tips" / f"{quote(serial, safe=' ')}.json"
 
 
 def load_active_tips(serial: str, configured: Mapping[str, Tip]) -> dict[str, Tip]:
-    """armd.toml's tips, with those kept since; raises `BadInput` for a damaged file."""
+    """Return armd.toml's tips with the stored ones; raises `BadInput` for a damaged file."""
     kept_tips = _read(locate_tips_file(serial)).tips
     hold = {
         name: entry.tip
@@ -57,7 +57,10 @@ def load_active_tips(serial: str, configured: Mapping[str, Tip]) -> dict[str, Ti
 
 
 def keep_tip(serial: str, name: str, tip: Tip, configured: Mapping[str, Tip]) -> None:
-    """On the disk when this returns; raises `BadInput` where it cannot be."""
+    """Store a tip; it is on the disk when this returns.
+
+    Raises `BadInput` for a damaged file or too many tips.
+    """
     path = locate_tips_file(serial)
     kept_tips = _read(path).tips
     kept_tips[name] = KeptTip(tip=tip, configured=configured.get(name))
@@ -69,8 +72,10 @@ def keep_tip(serial: str, name: str, tip: Tip, configured: Mapping[str, Tip]) ->
 
 
 def parse_tip(name: str, offset_mm: str, radius_mm: str) -> tuple[str, Tip]:
-    """Of the command `keep_tip`: "x,y,z" in mm, and the ball's radius in mm or nothing. Raises
-    `BadInput`."""
+    """Parse the arguments of the command `keep_tip`; raises `BadInput`.
+
+    *offset_mm* is "x,y,z" in mm, *radius_mm* the ball's radius in mm or nothing.
+    """
     source = "the command keep_tip"
     if not (0 < len(name) <= LONGEST_NAME and name.isprintable() and name != "-"):
         problem, expected = repr(name)[:100], f"a name of {LONGEST_NAME} letters at most, not -"
@@ -85,7 +90,7 @@ def _parse_number(word: str) -> float | str:
     try:
         return float(word)
     except ValueError:
-        return word  # which `validate` tells of
+        return word  # `validate` reports it
 
 
 def _read(path: Path) -> KeptTips:

@@ -1,7 +1,7 @@
-"""Points of an arm as Parquet files, partitioned by arm and day: `armd record --lake`.
+"""Write points of an arm as Parquet files by arm and day: `armd record --lake`.
 
-Each file appears whole or not at all, and a new one every half minute: a recorder that is killed
-loses no more than that. docs/how-to/scale.md describes the columns.
+Each file appears whole or not at all, and a new one every half minute, so a killed recorder loses
+no more than that. docs/how-to/scale.md describes the columns.
 """
 
 from __future__ import annotations
@@ -26,27 +26,30 @@ from armd.files.locking import O_CLOEXEC, O_NOFOLLOW, lock_file
 from armd.files.outputs import check_output_folder
 from armd.files.writing import explain_os_errors, flush_folder, replace_file
 
-#: Seconds of points that wait in memory for their file.
+#: Seconds of points that are held in memory until their file is written.
 FILE_S = 30.0
-#: A point whose joints have not come so long after it has none: they were lost on the way.
+#: After this time without joints, a point's joints count as lost on the way.
 JOINTS_NS = 1_000_000_000
-#: Points and joints begin with `seq` and `stamp_ns`, which match those that belong together.
+#: Points and joints begin with `seq` and `stamp_ns`, which are equal for a pair.
 KEY_BYTES = 16
 LOCK = ".armd-lake.lock"
 
 
 class Lake:
-    """Writes one arm's points below a folder; one at a time for each arm. Close it."""
+    """Writes one arm's points below a folder, with one writer for each arm. Close it."""
 
     def __init__(self, folder: Path, serial: str, n_joints: int, sensors: list[str]) -> None:
-        """Raises `BadInput` where nothing can be written, or another recorder writes this arm."""
+        """Lock the arm's folder.
+
+        Raises `BadInput` if it cannot be written, or if another recorder writes this arm.
+        """
         self.folder = folder / f"serial={quote(serial, safe=' ')}"
         self._schema = _make_schema(n_joints, sensors)
         self._sensors = sensors
         self._joints_dtype = joints_dtype(n_joints)
         self._points: list[bytes] = []
         self._joints: dict[bytes, bytes] = {}
-        #: instants and values of the temperatures heard: the last before a file, and all since
+        #: instants and values of temperatures: the last before the waiting points, and all since
         self._heard: deque[tuple[int, list[float]]] = deque()
         self.rows = 0
         self.files = 0
@@ -54,19 +57,21 @@ class Lake:
         self._lock = self._lock_folder()
 
     def take_temperatures(self, stamp_ns: int, celsius: Mapping[str, float | None]) -> None:
-        """From this instant on points have these temperatures; None is missing."""
+        """Set the temperatures of points from this instant on; None is missing."""
         values = [celsius.get(name) for name in self._sensors]
         self._heard.append((stamp_ns, [np.nan if value is None else value for value in values]))
 
     def take(self, points: Iterable[bytes], joints: Iterable[bytes]) -> None:
-        """Payloads of the point key and of the joints key, as published."""
+        """Take payloads of the point key and of the joints key, as published."""
         self._points += points
         size = self._joints_dtype.itemsize
         self._joints |= {data[:KEY_BYTES]: data for data in joints if len(data) == size}
 
     def write(self, *, to_the_end: bool = False) -> None:
-        """Write what has come, a file for each day; points whose joints may still come remain,
-        unless it is *to_the_end*."""
+        """Write the points taken, a file for each day.
+
+        Points whose joints may still come remain, unless *to_the_end*.
+        """
         n = len(self._points) if to_the_end else self._decided()
         if n:
             rows = np.frombuffer(b"".join(self._points[:n]), POINT)
@@ -78,7 +83,7 @@ class Lake:
             last_ns = int(rows["stamp_ns"].max())
             self.without_joints += joint_frames.count(None)
             del self._points[:n]
-            # Of points that never came nothing is kept; of those that may still come, all.
+            # Keep only joints of points that may still come.
             stamps = np.frombuffer(b"".join(key[8:] for key in self._joints), "<i8").tolist()
             self._joints = {
                 key: data
@@ -89,7 +94,7 @@ class Lake:
                 self._heard.popleft()
 
     def close(self) -> None:
-        """Write the rest, and let others write this arm."""
+        """Write the remaining points, and release the arm's folder."""
         try:
             self.write(to_the_end=True)
         finally:
@@ -110,7 +115,7 @@ class Lake:
         return handle
 
     def _decided(self) -> int:
-        """How many points have their joints, or will never have them."""
+        """Count the points that have their joints, or will never have them."""
         n = len(self._points)
         if not n:
             return 0
@@ -122,7 +127,7 @@ class Lake:
         return n
 
     def _joined(self, joint_frames: list[bytes | None]) -> npt.NDArray[np.void]:
-        """Joints (n,); NaN where there are none."""
+        """Return the joints (n,), with NaN where they are missing."""
         unknown = np.zeros(1, self._joints_dtype)
         unknown["angle_rad"] = unknown["rate_rad_s"] = np.nan
         missing = unknown.tobytes()
@@ -141,7 +146,10 @@ class Lake:
         return pa.Table.from_arrays(arrays, schema=self._schema)
 
     def _temperatures(self, stamp_ns: I64) -> npt.NDArray[np.float64]:
-        """Those heard last before each instant (n, S); the first ones before that."""
+        """Return the last temperatures before each instant (n, S).
+
+        An instant before all of them gets the first ones.
+        """
         if not self._heard:
             return np.full((len(stamp_ns), len(self._sensors)), np.nan)
         since_ns = np.array([instant for instant, _ in self._heard])

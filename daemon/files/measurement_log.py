@@ -1,7 +1,7 @@
-"""Measurements on the controller's disk, so that nothing pressed is ever lost.
+"""Log of measurements on the controller's disk, so that no press is ever lost.
 
-A folder per arm, JSON lines as published, one file after another; each line is synced to the disk
-before the next is taken up. Writing happens in a thread of its own: a slow disk delays no point.
+Each arm has a folder with JSON lines as published, one file after another. Each batch of lines is
+synced to the disk before the next is taken. A separate thread writes: a slow disk delays no point.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from armd.files.state_folder import find_state_folder
 from armd.files.writing import write_all
 
 SUFFIX = ".jsonl"
-#: Beyond this a new file begins: some twenty thousand measurements, quick to copy and to open.
+#: Limit of a file: some twenty thousand measurements, quick to copy and to open.
 MOST_BYTES = 16 << 20
-#: What waits for a disk that is full or gone; beyond that the oldest are lost, and it is told.
+#: Lines held for a disk that is full or gone; beyond that the oldest are lost, with an event.
 MOST_WAITING = 10_000
 RETRY_S = 1.0
 
 
 def locate_logs_folder() -> Path:
-    """Of all arms of this machine, in the state folder."""
+    """Return the folder of the logs of all this machine's arms, in the state folder."""
     return find_state_folder() / "measurements"
 
 
 def locate_log_folder(serial: str) -> Path:
-    """Of one arm."""
+    """Return the folder of one arm's log."""
     return locate_logs_folder() / quote(serial, safe=" ")
 
 
 def parse_serial(folder: Path) -> str:
-    """Of which arm a folder is, by its name."""
+    """Return the serial number of the arm whose log a folder holds, from its name."""
     return unquote(folder.name)
 
 
 class MeasurementLog:
-    """Writes from its construction to `close`."""
+    """A log that is written from its construction to `close`."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -55,18 +55,18 @@ class MeasurementLog:
         self._thread.start()
 
     def add(self, line: str) -> None:
-        """Never waits."""
+        """Queue a line; never blocks."""
         self._came.put(line)
 
     def take_events(self) -> list[Event]:
-        """That nothing can be written, and that it can be again; each once."""
+        """Return events, each once: writing fails, or works again."""
         events = []
         while self._events:
             events.append(self._events.popleft())
         return events
 
     def close(self, timeout_s: float = 1.0) -> None:
-        """What has come is written first, where the disk allows it in *timeout_s*."""
+        """Stop, after writing the queued lines if the disk allows it within *timeout_s*."""
         self._came.put(None)
         self._thread.join(timeout_s)
 
@@ -78,13 +78,13 @@ class MeasurementLog:
                 continue
             try:
                 self._write()
-            except Exception as error:  # whatever it is, the lines wait for the next attempt
+            except Exception as error:  # the lines stay for the next attempt
                 self._tell_failure(error)
             else:
                 self._tell_success()
 
     def _take_up(self) -> bool:
-        """Wait for lines, but for a retry no longer than that; whether more may come."""
+        """Wait for lines, at most until the next retry; return whether more may come."""
         try:
             line = self._came.get(timeout=RETRY_S if self._waiting else None)
             while line is not None:
@@ -98,7 +98,7 @@ class MeasurementLog:
         return False
 
     def _write(self) -> None:
-        """All that waits; a line counts as written when it is synced."""
+        """Write all held lines; a line counts as written when it is synced."""
         self._folder.mkdir(parents=True, exist_ok=True, mode=0o750)
         lines = list(self._waiting)
         data = "".join(f"{line}\n" for line in lines).encode()
@@ -109,7 +109,7 @@ class MeasurementLog:
                 write_all(handle, _read_torn_end(handle, size) + data)
                 os.fsync(handle)
             except OSError:
-                os.ftruncate(handle, size)  # a disk that fills half-way: whole or not at all
+                os.ftruncate(handle, size)  # a disk became full: write all lines or none
                 raise
         finally:
             os.close(handle)
@@ -133,12 +133,12 @@ class MeasurementLog:
 
 
 def list_log_files(folder: Path) -> list[Path]:
-    """Of a log's folder, the oldest first."""
+    """List the files of a log's folder, the oldest first."""
     return sorted(path for path in folder.glob(f"*{SUFFIX}") if path.stem.isdecimal())
 
 
 def _choose_file(folder: Path) -> Path:
-    """The file to append to: the last one, or a new one when that is long enough."""
+    """Return the file to append to: the last one, or a new one when that is long enough."""
     files = list_log_files(folder)
     if files and files[-1].stat().st_size < MOST_BYTES:
         return files[-1]
@@ -148,5 +148,5 @@ def _choose_file(folder: Path) -> Path:
 
 
 def _read_torn_end(handle: int, size: int) -> bytes:
-    """The end of a line that a kill or a power cut tore: what is torn stands alone."""
+    """Return a line break if the last line was cut short, so that it stays a separate line."""
     return b"\n" if size > 0 and os.pread(handle, 1, size - 1) != b"\n" else b""

@@ -1,7 +1,7 @@
-"""What a daemon publishes, into an MCAP file: raw frames first, then what became of them.
+"""Record a daemon's messages in an MCAP file: raw frames, points, events and others.
 
-docs/how-to/record-export.md describes the file. A recorder that is killed leaves a file that can be
-read up to the last fraction of a second.
+docs/how-to/record-export.md describes the file. A killed recorder leaves a file that can be read up
+to the last fraction of a second.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ TOPICS = {keys.POINT: "/point", keys.EVENT: "/event", keys.HEALTH: "/health"} | 
     keys.MEASUREMENT: "/measurement"
 }
 _NUMBERS = {"x": {"type": "number"}, "y": {"type": "number"}, "z": {"type": "number"}}
-#: JSON schemas, so that Foxglove plots every field; those of the messages leave open what is in.
+#: JSON schemas, so that Foxglove plots every field; those of other messages list no fields.
 SCHEMAS: dict[str, dict[str, Any]] = {
     keys.POINT: {
         "type": "object",
@@ -57,10 +57,10 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 
 
 class Recorder:
-    """Writes to an open binary file; `close` ends it properly."""
+    """Writes to an open binary file; `close` finishes the file."""
 
     def __init__(self, file: IO[bytes], info: dict[str, Any], calibration: str | None) -> None:
-        """*info* and *calibration* file of the arm that is recorded."""
+        """Start a file with *info* and *calibration* file of the recorded arm attached."""
         self.counts = dict.fromkeys([keys.RAW, *TOPICS], 0)
         self.lost_frames = 0
         self.malformed = 0
@@ -81,7 +81,10 @@ class Recorder:
         self._writer.finish()
 
     def begin(self, following: int, preamble: list[bytes]) -> None:
-        """*preamble*: payloads to stand before raw frame number *following*."""
+        """Write *preamble*, the payloads that belong before raw frame number *following*.
+
+        Raises `ArmdError` for a payload that is not a raw frame.
+        """
         channel = self._writer.register_channel(PREAMBLE_TOPIC, RAW_ENCODING, schema_id=0)
         for payload in preamble:
             try:
@@ -92,27 +95,27 @@ class Recorder:
         self._next_frame = following
 
     def take_frames(self, payloads: list[bytes]) -> None:
-        """Payloads of the raw key, as published."""
+        """Record payloads of the raw key, as published."""
         for payload in payloads:
             try:
                 number, frame = raw.unpack(payload)
-            except ValueError:  # of somebody else
+            except ValueError:  # not armd's
                 self.malformed += 1
                 continue
-            if number < self._next_frame:  # the preamble knows what it told
+            if number < self._next_frame:  # the preamble replaces it
                 continue
             self.lost_frames += number - self._next_frame
             self._next_frame = number + 1
             self._add(keys.RAW, self._raw, payload, frame.unix_ns)
 
     def take_points(self, payloads: list[bytes]) -> None:
-        """Payloads of the point key, as published."""
+        """Record payloads of the point key, as published."""
         points = np.frombuffer(b"".join(payloads), POINT)
         for point, data in zip(points, as_json(points), strict=True):
             self._add(keys.POINT, self._channels[keys.POINT], data, int(point["stamp_ns"]))
 
     def take_messages(self, topic_key: str, payloads: list[bytes]) -> None:
-        """Payloads of a JSON key, as published."""
+        """Record payloads of a JSON key, as published."""
         for payload in payloads:
             self._add(topic_key, self._channels[topic_key], payload, time.time_ns())
 
@@ -130,8 +133,10 @@ class Recorder:
 
 
 def as_json(points: npt.NDArray[np.void]) -> list[bytes]:
-    """Each of *points* (n,) of `POINT`, without loss: every number as short as it can be said and
-    still be the same; NaN is null."""
+    """Return each of *points* (n,) of `POINT` as JSON, without loss.
+
+    Every number has the shortest text that gives the same number; NaN is null.
+    """
     columns = {name: points[name].tolist() for name in POINT.names or () if name != "reserved"}
     axes = {"position_mm": "xyz", "orientation": "xyzw", "correction_mm": "xyz"}
     for name, letters in axes.items():
@@ -150,5 +155,5 @@ def _to_number(value: float) -> float | None:
 
 
 def choose_default_path(serial: str) -> Path:
-    """`SERIAL-20260301T090000.mcap` in the present folder."""
+    """Return `SERIAL-20260301T090000.mcap` in the current folder."""
     return Path(f"{serial}-{time.strftime('%Y%m%dT%H%M%S')}.mcap")

@@ -1,4 +1,4 @@
-"""Measurements of a running arm become a session's folder, as `armd calibrate` reads it."""
+"""Write measurements of a running arm as a session's folder for `armd calibrate`."""
 
 from __future__ import annotations
 
@@ -23,13 +23,16 @@ SEAT = "seat"
 
 
 class SessionFolder:
-    """A session in the making: on disk it is whole after every reading, so none is ever lost."""
+    """A session in the making; on disk it is complete after every reading."""
 
     def __init__(
         self, path: Path, arm: Arm, artefact: Artefact, targets: Sequence[str], placement: str
     ) -> None:
-        """The tip goes to *targets* in turn, again and again. Raises `BadInput` if *path* holds a
-        session already, or the artefact has no target of that name."""
+        """Prepare a session in which the tip goes to *targets* in turn, repeatedly.
+
+        Raises `BadInput` if *path* holds a session already, or the artefact has no target of that
+        name.
+        """
         if path.exists() and not path.is_dir():
             raise BadInput(path, "the session", "a file", "a new or empty folder")
         for name in ("session.toml", *READINGS):
@@ -53,9 +56,9 @@ class SessionFolder:
         return len(self._rows)
 
     def take(self, measurement: dict[str, Any]) -> str:
-        """Write one more reading; returns what became of it, for the operator.
+        """Write one more reading; return a message for the operator.
 
-        A measurement that is no reading is left out, and its target stays the next.
+        A measurement that cannot be a reading is skipped, and its target stays the next.
         """
         if reason := explain_unfit(measurement):
             return f"left out, {reason[1]}"
@@ -76,11 +79,14 @@ class SessionFolder:
 def make_reading_row(
     measurement: Mapping[str, Any], arm: Arm, started_s: int, placement: str, target: str
 ) -> dict[str, str | float]:
-    """A measurement as published, as a row of a session that began at *started_s* (Unix time)."""
+    """Convert a measurement as published to a row of a session.
+
+    The session began at *started_s* (Unix time).
+    """
     joints = range(1, arm.n_joints + 1)
     unknown = [math.nan] * arm.n_joints
-    # At rest the rates tell sides only. Without the direction of travel a reader would take
-    # one from them, so they go together.
+    # At rest the rates show only the side of approach. Without the direction of travel a reader
+    # would derive one from them, so rates are written only with an approach.
     approach = measurement["approach"]
     rates = measurement["rates_rad_s"] if approach else None
     celsius = measurement["temperatures_c"]
@@ -102,7 +108,7 @@ def write_readings(
     started_s: int,
     rows: Sequence[Mapping[str, str | float]],
 ) -> None:
-    """The session's folder, whole; *rows* is not empty."""
+    """Write the session's folder whole; *rows* is not empty."""
     content = {
         "schema": "armd.session/1",
         "arm": arm.serial_number,
@@ -113,7 +119,10 @@ def write_readings(
 
 
 def load_artefact(path: Path | None, targets: Sequence[str]) -> Artefact:
-    """The artefact of a file; without one, *targets* (none: one) that are unknown fixed points."""
+    """Return the artefact of a file.
+
+    Without a file it has *targets* (none: one) that are fixed points at unknown positions.
+    """
     if path is not None:
         return load_toml(path, ArtefactFile).artefact
     seats = [{"name": name} for name in dict.fromkeys(targets or [SEAT])]
@@ -121,7 +130,10 @@ def load_artefact(path: Path | None, targets: Sequence[str]) -> Artefact:
 
 
 def explain_unfit(measurement: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Why a measurement is no reading: the reason's name, and it in words; None if it is one."""
+    """Return why a measurement cannot be a reading: the reason's name and words.
+
+    Returns None if it can be one.
+    """
     flags = Flag(measurement["flags"])
     if measurement["count"] == 0:
         return "invalid", "the arm's points are invalid"

@@ -1,5 +1,7 @@
-"""Calibrations of an arm's tips, one after another, in the state folder: JSON lines, synced; the
-last one of a tip is put in force from here."""
+"""The history of calibrations of an arm's tips, in the state folder.
+
+It has JSON lines, synced; the last calibration of a tip can be activated from here.
+"""
 
 from __future__ import annotations
 
@@ -17,18 +19,21 @@ from armd.files.writing import explain_os_errors
 
 SCHEMA = "armd.tip/1"
 GOOD = "good"  # the verdict without doubts
-#: A calibration takes a kilobyte.
+#: Limit of a history's file; a calibration takes a kilobyte.
 MOST_BYTES = 64 << 20
 
 
 def locate_history_file(serial: str) -> Path:
-    """Of one arm."""
+    """Return the path of one arm's history."""
     return find_state_folder() / "tips" / f"{quote(serial, safe=' ')}.jsonl"
 
 
 def read_history(serial: str, name: str | None = None) -> list[dict[str, Any]]:
-    """Calibrations of one tip or of all, the oldest first. A line that is none is passed over: what
-    a power cut tore was never told as kept."""
+    """Return the calibrations of one tip or of all, the oldest first.
+
+    A line that is not a calibration is skipped. A line that a power cut cut short was never
+    reported as stored.
+    """
     path = locate_history_file(serial)
     if not path.exists():
         return []
@@ -45,14 +50,14 @@ def read_history(serial: str, name: str | None = None) -> list[dict[str, Any]]:
 
 
 def keep(serial: str, entry: dict[str, Any]) -> Path:
-    """Append one more; on the disk when this returns. Raises `BadInput` where it cannot be."""
+    """Append a calibration, which is on the disk when this returns; raises `BadInput`."""
     path = locate_history_file(serial)
     line = json.dumps({"schema": SCHEMA, **entry}, allow_nan=False) + "\n"
     with explain_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o750)
         with path.open("ab") as file:
             if file.tell() and not path.read_bytes().endswith(b"\n"):
-                file.write(b"\n")  # the end of a torn line, which stands alone
+                file.write(b"\n")  # ends a line that was cut short
             file.write(line.encode())
             file.flush()
             os.fsync(file.fileno())
@@ -60,9 +65,11 @@ def keep(serial: str, entry: dict[str, Any]) -> Path:
 
 
 def use_tip(arm: Arm, name: str) -> str:
-    """A running daemon measures with the last calibration of a tip, and keeps it; returns what it
-    says. Raises `BadInput` for a tip that has none, or a doubtful one, and `ArmdError` where the
-    daemon refuses."""
+    """Make a running daemon use and store the last calibration of a tip; return its answer.
+
+    Raises `BadInput` for a tip without a calibration or with a doubtful one, and `ArmdError` where
+    the daemon refuses.
+    """
     path, entries = locate_history_file(arm.serial), read_history(arm.serial, name)
     if not entries:
         raise BadInput(path, f"tip {name!r}", "no calibration", "one by `armd measure tip`")

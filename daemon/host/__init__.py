@@ -1,1 +1,1 @@
-"""The machine under the daemon: systemd, journal, priorities, processors, metrics."""
+"""The host of the daemon: systemd, journal, priorities, processors, metrics."""

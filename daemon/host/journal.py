@@ -1,7 +1,7 @@
-"""Events for people: one line each, never a flood; under systemd with fields to search by.
+"""Write events for people: one line each, in limited numbers; to systemd with fields.
 
-The stream of points waits for no log: the journal's socket does not block, and a thread of its own
-writes the lines, whatever becomes of it: a disk may be full, a file closed, a pipe not read.
+The stream of points never waits for a log: the journal's socket does not block, and a separate
+thread writes the lines. A disk may be full, a file closed, a pipe not read.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from typing import TextIO
 from armd.drivers.sample import Event
 from armd.printable import to_printable
 
-#: Of one kind of event this many lines are written in this time, one for each joint and sensor an
-#: arm can have; the rest is counted.
+#: Limit of lines for one kind of event, and its period: one for each joint and sensor that an arm
+#: can have; further ones are counted.
 BURST = 20
 BURST_S = 10.0
-#: Lines that wait for a standard error that is not read; more are dropped.
+#: Queued lines for a standard error that is not read; further ones are dropped.
 WAITING = 1000
-#: How long the end of the daemon waits for the last lines.
+#: Time that the daemon's end waits for the last lines.
 DRAIN_S = 0.5
 JOURNAL = "/run/systemd/journal/socket"
 _PRIORITY = {"error": 3, "warning": 4, "info": 6}
@@ -47,7 +47,7 @@ class Journal:
         self._windows: dict[str, tuple[float, int]] = {}  # kind → start, lines since
 
     def write(self, event: Event) -> None:
-        """`armd: warning: silence: no samples for 0.5 s {"port": "/dev/…"}`"""
+        """Write a line: `armd: warning: silence: no samples for 0.5 s {"port": "/dev/…"}`."""
         now_s = self._clock_s()
         start_s, lines = self._windows.get(event.kind, (now_s, 0))
         suppressed = 0
@@ -65,7 +65,7 @@ class Journal:
         self._put(event.severity, event.kind, text, detail)
 
     def tell_rest(self) -> None:
-        """Say how many lines of a flood that is over were left out; to be called now and then."""
+        """Write how many lines of an ended flood were skipped; call it now and then."""
         now_s = self._clock_s()
         for kind, (start_s, lines) in list(self._windows.items()):
             if now_s - start_s < BURST_S:
@@ -82,12 +82,15 @@ class Journal:
     def _put(self, severity: str, kind: str, text: str, detail: str = "") -> None:
         text = to_printable(
             text
-        )  # a serial number may be anything; journalctl hides what it is not
+        )  # a serial number may be anything; journalctl hides unprintable text
         if self._journal is None or not self._send(severity, kind, text, detail):
             self._lines.put(f"armd: {severity}: {text}\n")
 
     def _send(self, severity: str, kind: str, text: str, detail: str) -> bool:
-        """systemd's native protocol: `journalctl ARMD_KIND=silence -o json` finds it again."""
+        """Send a line by systemd's native protocol; return whether it was sent.
+
+        `journalctl ARMD_KIND=silence -o json` finds it again.
+        """
         fields = {
             "MESSAGE": text,
             "PRIORITY": str(_PRIORITY[severity]),
@@ -97,14 +100,14 @@ class Journal:
         }
         lines = (f"{name}={' '.join(value.splitlines())}\n" for name, value in fields.items())
         assert self._journal is not None
-        with suppress(OSError):  # the journal restarts: the line goes to the stream, which it keeps
+        with suppress(OSError):  # while the journal restarts, the line goes to the stream
             self._journal.send("".join(lines).encode())
             return True
         return False
 
 
 class _Lines:
-    """Lines on their way to a file descriptor, as many as it takes."""
+    """A queue of lines for a file descriptor; a thread writes them."""
 
     def __init__(self, descriptor: int | None) -> None:
         self._descriptor = descriptor
@@ -127,14 +130,14 @@ class _Lines:
             self._dropped += 1
 
     def close(self) -> None:
-        """Wait for what is under way, for a moment."""
+        """Wait for the queued lines, for `DRAIN_S` at most."""
         with suppress(queue.Full):
             self._queue.put_nowait(None)
             if self._thread.is_alive():
                 self._thread.join(DRAIN_S)
 
     def _write(self) -> None:
-        # Not by way of Python's own stream: one that blocks would keep its lock, and the process.
+        # Not by Python's own stream: if that blocked, it would keep its lock and stop the process.
         assert self._descriptor is not None
         while (line := self._queue.get()) is not None:
             with suppress(OSError):
@@ -143,22 +146,25 @@ class _Lines:
 
 
 def keep_standard_streams_open() -> None:
-    """A descriptor below 3 that is closed would be the next file opened, perhaps the arm's port,
-    and get what is meant for standard error."""
+    """Open descriptors below 3 that are closed.
+
+    Else the next file opened, perhaps the arm's port, would get the number and the text of standard
+    error.
+    """
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number
 
 
 def print_line(line: str) -> None:
-    """Print a line on standard output, if that can be written to."""
+    """Print a line on standard output, if it can be written."""
     try:
         print(line, flush=True)
     except OSError:
         null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, sys.stdout.fileno())  # what is buffered would fail again at the end
+        os.dup2(null, sys.stdout.fileno())  # the buffered text would fail again at the end
         os.close(null)
 
 
@@ -171,7 +177,11 @@ def _get_descriptor(stream: TextIO | None) -> int | None:
 
 
 def _is_journal(stream: TextIO | None) -> bool:
-    """systemd tells which file its journal reads; whoever redirects it away keeps the variable."""
+    """Return whether *stream* is the journal's.
+
+    systemd names the file that its journal reads; a process with a redirected stream keeps the
+    variable.
+    """
     descriptor = _get_descriptor(stream)
     if descriptor is None:
         return False
@@ -183,7 +193,7 @@ def _is_journal(stream: TextIO | None) -> bool:
 
 def _connect(journal: str) -> socket.socket | None:
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    connection.setblocking(False)  # the stream of points waits for no log
+    connection.setblocking(False)  # the stream of points must not wait for a log
     try:
         connection.connect(journal)
     except OSError:

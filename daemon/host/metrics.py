@@ -1,8 +1,8 @@
-"""Health as OpenMetrics over HTTP on loopback, for Prometheus and its like.
+"""Health as OpenMetrics over HTTP on loopback, for Prometheus and similar programs.
 
-One thread serves all, a few at a time and none for long: whoever connects, however often and
-however slowly, takes nothing from the stream but that thread's turns. (prometheus_client's own
-server has a thread for each connection and waits for each without end.)
+One thread serves all, a few at a time and each for a limited time. So clients, however many and
+however slow, take only that thread's time from the stream. (prometheus_client's own server has a
+thread for each connection and waits for each without limit.)
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from typing import Any
 from armd.daemon.state import State
 
 CONTENT_TYPE = "application/openmetrics-text; version=1.0.0; charset=utf-8"
-#: Connections served together; of more, the one that has been silent for longest is hung up on.
-#: A scraper needs one.
+#: Connections served together; for a further one the longest silent one is closed. A scraper
+#: needs one.
 MOST_OPEN = 8
-#: From connecting to the last byte of the answer.
+#: Time limit from connecting to the last byte of the answer.
 PATIENCE_S = 3.0
 MOST_REQUEST_BYTES = 8192
 
-#: What ends a request that is nobody's fault but the other side's.
+#: Errors of a request that only the other side causes.
 BROKEN_OFF = (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError)
 _log = logging.getLogger(__name__)
 
@@ -32,15 +32,15 @@ HealthRecord = dict[str, Any]
 
 
 class MetricsServer:
-    """Answers `GET /metrics` in a thread of its own, from the health messages last published."""
+    """Answers `GET /metrics` from the last health messages, in a separate thread."""
 
     def __init__(
         self, port: int, healths: Callable[[], Sequence[HealthRecord]], host: str = "127.0.0.1"
     ) -> None:
-        """Raises `OSError` if the port is taken. 0 takes a free one."""
+        """Start the server; raises `OSError` if *port* is taken. 0 takes a free port."""
         self._healths = healths
         self._open = 0
-        self._silent: dict[asyncio.StreamWriter, None] = {}  # have asked nothing, oldest first
+        self._silent: dict[asyncio.StreamWriter, None] = {}  # no request yet, oldest first
         listener = socket.create_server((host, port), backlog=MOST_OPEN)
         self.port: int = listener.getsockname()[1]
         self._loop = asyncio.new_event_loop()
@@ -55,7 +55,7 @@ class MetricsServer:
         self._thread.join(PATIENCE_S)
 
     def _serve(self, listener: socket.socket) -> None:
-        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:  # cancels what is open
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:  # cancels open connections
             runner.run(self._until_closed(listener))
 
     async def _until_closed(self, listener: socket.socket) -> None:
@@ -105,13 +105,16 @@ class MetricsServer:
 
 
 def render(healths: Sequence[HealthRecord]) -> str:
-    """OpenMetrics text of the health messages of one arm or many."""
+    """Return the OpenMetrics text of the health messages of one arm or many."""
     return "\n".join([*_write_lines(healths), "# EOF", ""])
 
 
 def _write_lines(healths: Sequence[HealthRecord]) -> Iterator[str]:
-    """All samples of a family stand together, as the format wants it. What a message lacks has
-    none: an arm's of another version must not end the figures of all."""
+    """Yield the lines, with all samples of a family together, as the format requires.
+
+    A value that a message lacks has no sample: an arm of another version must not remove all
+    values.
+    """
     yield "# TYPE armd_state stateset"
     for serial, health in _label_healths(healths):
         for state in State:
@@ -146,5 +149,5 @@ def _label_healths(healths: Sequence[HealthRecord]) -> Iterator[tuple[str, Healt
 
 
 def _escape(label: str) -> str:
-    """A label's value, as OpenMetrics wants it between quotation marks."""
+    """Escape a label's value for OpenMetrics, where it is between quotation marks."""
     return label.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")

@@ -1,4 +1,4 @@
-"""The three words the daemon says to systemd (sd_notify); silent anywhere else."""
+"""The messages of the daemon to systemd (sd_notify); without systemd none are sent."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import time
 
 
 class Systemd:
-    """READY=1, STATUS=…, WATCHDOG=1 over the datagram socket that $NOTIFY_SOCKET names."""
+    """Sends READY=1, STATUS=… and others to the socket that $NOTIFY_SOCKET names.
+
+    It is a datagram socket.
+    """
 
     def __init__(self) -> None:
         address = os.environ.get("NOTIFY_SOCKET", "")
@@ -23,20 +26,20 @@ class Systemd:
         self._send("READY=1")
 
     def reloading(self) -> None:
-        """Answered by `ready` when the reload is over, as Type=notify-reload wants it."""
+        """Report that a reload begins, as Type=notify-reload requires; `ready` ends it."""
         self._send(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
     def stopping(self) -> None:
         self._send("STOPPING=1")
 
     def status(self, text: str) -> None:
-        """The line `systemctl status` shows; sent when it changes."""
+        """Set the line that `systemctl status` shows; it is sent when it changes."""
         if text != self._status:
             self._status = text
             self._send(f"STATUS={text}")
 
     def feed_watchdog(self, now_s: float) -> None:
-        """Tell the watchdog that all is well; harmless to call often."""
+        """Report to the watchdog that the daemon works; calling it often does no harm."""
         if self._feed_every_s and now_s - self._fed_s >= self._feed_every_s:
             self._fed_s = now_s
             self._send("WATCHDOG=1")
@@ -50,4 +53,4 @@ class Systemd:
             try:
                 self._socket.sendto(text.encode(), self._address)
             except OSError:
-                return  # nobody listens any more: nothing to tell
+                return  # systemd does not listen any more

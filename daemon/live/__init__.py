@@ -1,1 +1,1 @@
-"""From sample to point while an arm is connected."""
+"""Convert samples to points while an arm is connected."""

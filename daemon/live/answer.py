@@ -1,4 +1,4 @@
-"""What whoever asks the daemon for something is told."""
+"""The type of answers to requests to the daemon."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which arm, calibration and tip the points are made with, and how that changes while running."""
+"""The arm, calibration and tip in use for points, and their change while running."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from armd.errors import ArmdError, BadInput, shorten_text
 
 
 class InUse(NamedTuple):
-    """What a point was made with."""
+    """The calibration and the tip of a point."""
 
     calibration: LoadedCalibration | None  # None: nominal geometry
     tip: str | None  # one of `tips`; None: the calibration's own tip
@@ -25,7 +25,7 @@ class InUse(NamedTuple):
 
 
 class Takeover(NamedTuple):
-    """Another calibration or tip, ready to be taken over."""
+    """Another calibration or tip, prepared for use."""
 
     to: InUse
     prepared: Prepared
@@ -33,11 +33,17 @@ class Takeover(NamedTuple):
 
 
 class ArmInUse:
-    """Owns the pipeline. A change is prepared in any thread, one at a time, while points are made;
-    it takes effect whole, between two samples, or not at all."""
+    """Owns the pipeline, and changes its calibration or tip.
+
+    Any thread may prepare a change, one at a time, while points are made. The change takes effect
+    as a whole between two samples, or not at all.
+    """
 
     def __init__(self, config: Config) -> None:
-        """Raises `BadInput` for a calibration that cannot be used, or damaged kept tips."""
+        """Load the calibration and the tips.
+
+        Raises `BadInput` for an unusable calibration, or for damaged stored tips.
+        """
         self._config = config
         calibration = self._load()
         tips = load_active_tips(config.arm.serial_number, config.file.tips)
@@ -54,13 +60,13 @@ class ArmInUse:
 
     @property
     def own_tip(self) -> Tip:
-        """The calibration's own, or without one arm.toml's."""
+        """The calibration's own tip, or arm.toml's without a calibration."""
         offset_mm = self._offset_mm(InUse(self.calibration, None, {}))
         return Tip(offset_mm=offset_mm, radius_mm=self._config.arm.tip.radius_mm)
 
     @property
     def tip_in_use(self) -> Tip:
-        """With its radius, which may be arm.toml's."""
+        """The active tip with its radius, which may be arm.toml's."""
         if self.tip is None:
             return self.own_tip
         tip = self.in_use.tips[self.tip]
@@ -68,12 +74,14 @@ class ArmInUse:
         return tip if has_radius else tip.model_copy(update={"radius_mm": self.own_tip.radius_mm})
 
     def reloaded(self) -> Takeover:
-        """The calibration file, read again; raises `BadInput` if it is bad."""
+        """Load the calibration file again and prepare it; raises `BadInput` if it is bad."""
         return self._change(self.in_use._replace(calibration=self._load()))
 
     def with_tip(self, name: str) -> Takeover:
-        """A tip of those there are, or with "" the calibration's own; raises `ArmdError` for a name
-        that is none of them."""
+        """Prepare one of the tips, or with "" the calibration's own.
+
+        Raises `ArmdError` for an unknown name.
+        """
         tips = self.in_use.tips
         if name and name not in tips:
             raise ArmdError(
@@ -82,8 +90,10 @@ class ArmInUse:
         return self._change(self.in_use._replace(tip=name or None))
 
     def with_kept(self, name: str, tip: Tip) -> Takeover:
-        """A tip just calibrated, from now on, also after a restart; raises `BadInput` where it
-        cannot be used or kept."""
+        """Prepare a tip that was calibrated now, and store it for later starts.
+
+        Raises `BadInput` where it cannot be used or stored.
+        """
         before = self.in_use.tips.get(name)
         change = self._change(InUse(self.calibration, name, {**self.in_use.tips, name: tip}))
         keep_tip(self._config.arm.serial_number, name, tip, self._config.file.tips)
@@ -93,7 +103,7 @@ class ArmInUse:
         return change._replace(warning=self._warning(f"the tip {name!r}", moved_mm))
 
     def take(self, change: Takeover) -> None:
-        """From the next sample on."""
+        """Use a prepared change from the next sample on."""
         self.pipeline.use(change.prepared)
         self.in_use = change.to
 
@@ -108,7 +118,7 @@ class ArmInUse:
             arm, calibration = replace_offset(arm, calibration, self._offset_mm(to))
         try:
             prepared = self.pipeline.prepare(arm, calibration)
-        except (ArithmeticError, MemoryError, ValueError) as error:  # numbers beyond all reason
+        except (ArithmeticError, MemoryError, ValueError) as error:  # numbers too large
             path = self._config.calibration or self._config.path
             problem = f"numbers no model can be made of ({error})"
             raise BadInput(path, "the file", problem, "an arm's calibration") from error
@@ -132,7 +142,7 @@ class ArmInUse:
 def replace_offset(
     arm: Arm, calibration: LoadedCalibration | None, offset_mm: Vector3
 ) -> tuple[Arm, LoadedCalibration | None]:
-    """Arm and calibration with another tip's offset in place of their own."""
+    """Return arm and calibration with another offset of the tip."""
     tip = arm.tip.model_copy(update={"offset_mm": offset_mm})
     arm = arm.model_copy(update={"tip": tip})
     if calibration is None:

@@ -1,8 +1,8 @@
-"""Reloads and changes of tip while the arm measures: prepared aside, taken between two samples.
+"""Reload calibrations and change tips while the arm measures.
 
-To read, check and build a calibration of thousands of terms takes a second, and a file may hang on
-a network drive: a thread does that, one change after the other. Whatever is wrong with a file, the
-calibration in force stays.
+To read, check and build a calibration of thousands of terms takes a second, and a file may be on a
+network drive that hangs. So a thread prepares changes, one after another, and they take effect
+between two samples. If a file is faulty, the active calibration stays.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from armd.daemon.live.answer import Respond
 from armd.daemon.live.arm_in_use import ArmInUse, Takeover
 from armd.errors import ArmdError
 
-#: Whoever asks while so many changes wait is refused; the same change asked for twice is one.
+#: Limit of waiting changes; further requests are refused, but equal requests are one change.
 MOST_WAITING = 8
 
 
 class Tell(Protocol):
-    """Publishes an event now."""
+    """A function that publishes an event at once."""
 
     def __call__(
         self, kind: str, text: str, severity: str, detail: dict[str, Any] | None = None
@@ -32,7 +32,7 @@ class Tell(Protocol):
 
 @dataclass
 class _Request:
-    """For a reload (tip None), a tip ("" is the calibration's own), or one just calibrated."""
+    """A request: a reload (tip None), a tip ("" is the calibration's own), or a new tip."""
 
     tip: str | None
     calibrated: Tip | None = None
@@ -40,7 +40,7 @@ class _Request:
 
 
 class Changes:
-    """`reload`, `select_tip` and `take` are the measuring thread's; they never wait."""
+    """Takes requests of the measuring thread, which never waits for them."""
 
     def __init__(self, arm: ArmInUse, tell: Tell) -> None:
         self._arm = arm
@@ -52,19 +52,19 @@ class Changes:
         threading.Thread(target=self._prepare, name="changes", daemon=True).start()
 
     def reload(self, answer: Respond) -> None:
-        """Read the calibration file again."""
+        """Ask for the calibration file to be read again."""
         self._ask(_Request(None), answer)
 
     def select_tip(self, name: str, answer: Respond) -> None:
-        """Measure with one of the tips there are; "" is the calibration's own."""
+        """Ask for one of the tips; "" is the calibration's own."""
         self._ask(_Request(name), answer)
 
     def keep_tip(self, name: str, tip: Tip, answer: Respond) -> None:
-        """Measure with a tip just calibrated, from now on and after every restart."""
+        """Ask for a tip that was calibrated now, for use now and after every restart."""
         self._ask(_Request(name, tip), answer)
 
     def take(self) -> None:
-        """Between two samples: take over what is ready, begin what waits."""
+        """Use a change that is ready, and start a waiting one; called between two samples."""
         if self._under_way is not None:
             try:
                 result = self._ready.get_nowait()
@@ -88,14 +88,14 @@ class Changes:
         self._waiting.append(new)
 
     def _prepare(self) -> None:
-        """The thread."""
+        """Prepare changes for ever, in the thread."""
         while True:
             request = self._jobs.get()
             try:
                 self._ready.put(self._prepared(request))
             except ArmdError as error:
                 self._ready.put(error)
-            except Exception as error:  # nothing that is wrong with a file may end this thread
+            except Exception as error:  # a faulty file must not end this thread
                 self._ready.put(ArmdError(f"{type(error).__name__}: {error}"))
 
     def _prepared(self, request: _Request) -> Takeover:

@@ -1,5 +1,7 @@
-"""How fast temperatures change: slopes over the last minute, and steps; of whole degrees, what is
-beyond doubt."""
+"""Rates of change of temperatures: slopes over the last minute, and steps.
+
+Of coarse temperatures, in steps such as whole degrees, only certain changes count.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +15,16 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compiled.jit import jit
 
-#: A rate of change is judged over this stretch, at first over at least the shorter one.
+#: Time over which a rate of change is judged, and the shortest time at first.
 RATE_OVER_NS = 60_000_000_000
 RATE_AFTER_NS = 3_000_000_000
-#: More than this between two readings is a step, whatever the slope.
+#: A larger change between two readings is a step, independent of the slope.
 STEP_K = 0.2
-#: Longer where temperatures are coarse: at the limit of 60 K/h a degree takes a minute.
+#: Time for coarse temperatures, longer because a degree takes a minute at the limit of 60 K/h.
 COARSE_OVER_NS = 180_000_000_000
-#: Of coarse readings, those that say the same are kept so far apart.
+#: Least time between two coarse readings that are stored.
 APART_NS = 250_000_000
-#: Readings that a history has room for at first: a minute of four a second.
+#: Initial size of a history: a minute with four readings a second.
 ROOM = 256
 
 
@@ -39,7 +41,7 @@ class Drift:
         return f"{self.sensor} drifts by {self.k_per_h:+.1f} K/h"
 
     def exceeds(self, limit_k_per_h: float) -> bool:
-        """Beyond doubt: by a step, or by more than three standard errors."""
+        """Return whether it surely exceeds a limit: by a step, or by three standard errors."""
         return (
             self.jump_k_per_h > limit_k_per_h
             or abs(self.k_per_h) - 3 * self.standard_error > limit_k_per_h
@@ -47,7 +49,7 @@ class Drift:
 
 
 class RecentReadings:
-    """The readings of the last RATE_OVER_NS, in arrays that are not built anew for each."""
+    """The readings of the last RATE_OVER_NS, in arrays that are reused."""
 
     def __init__(self, sensors: Sequence[str]) -> None:
         self._sensors = sensors
@@ -60,9 +62,9 @@ class RecentReadings:
         return self._end - self._first
 
     def append(self, celsius: Sequence[float], monotonic_ns: int) -> None:
-        """One reading of all sensors (S,), NaN before a sensor's first value.
+        """Add one reading of all sensors (S,), NaN before a sensor's first value.
 
-        One that says it is older than the last is taken for as old as that.
+        A reading with a time before the last one gets the last one's time.
         """
         if len(self):
             monotonic_ns = max(monotonic_ns, int(self._times_ns[self._end - 1]))
@@ -75,7 +77,7 @@ class RecentReadings:
             self._first += 1
 
     def fastest(self, used: I64) -> Drift | None:
-        """Of the sensors *used*; None while the history is too short to tell."""
+        """Return the fastest drift of the sensors *used*; None for a short history."""
         rows = slice(self._first, self._end)
         worst = _fastest(self._times_ns[rows], self._celsius[rows], used, self._fastest_drift)
         if worst < 0:
@@ -84,7 +86,7 @@ class RecentReadings:
         return Drift(self._sensors[worst], slope, error, jump)
 
     def _make_room(self) -> None:
-        """Move what is kept to the front, of longer arrays if it is more than half of these."""
+        """Move the readings to the front, of longer arrays if they fill more than half."""
         rows, n = slice(self._first, self._end), len(self)
         room = len(self._times_ns) * (2 if 2 * n > len(self._times_ns) else 1)
         times_ns, celsius = np.empty(room, np.int64), np.empty((room, len(self._sensors)))
@@ -94,11 +96,10 @@ class RecentReadings:
 
 
 class CoarseHistory:
-    """The readings of the last COARSE_OVER_NS, told in steps of a whole degree or the like.
+    """The coarse readings (steps of a degree or similar) of the last COARSE_OVER_NS.
 
-    Such a reading says no more than that the temperature lies within half a step of it. So one
-    step, however sudden, is no change that anybody could swear to; two readings more than a step
-    apart are.
+    Such a reading only shows that the temperature is within half a step of it. So one step, even a
+    sudden one, is not a certain change; two readings more than a step apart are.
     """
 
     def __init__(self, sensors: Sequence[str], resolution_c: float) -> None:
@@ -110,7 +111,7 @@ class CoarseHistory:
         return len(self._history)
 
     def append(self, celsius: Sequence[float], monotonic_ns: int) -> None:
-        """One reading of all sensors (S,), NaN before a sensor's first value."""
+        """Add one reading of all sensors (S,), NaN before a sensor's first value."""
         now = monotonic_ns, list(celsius)
         if len(self._history) > 1 and monotonic_ns - self._history[-2][0] < APART_NS:
             self._history.pop()
@@ -119,7 +120,7 @@ class CoarseHistory:
             self._history.popleft()
 
     def fastest(self, used: I64) -> Drift | None:
-        """Of the sensors *used*; None while the history is too short to tell."""
+        """Return the fastest drift of the sensors *used*; None for a short history."""
         if len(self._history) < 3 or self._history[-1][0] - self._history[0][0] < RATE_AFTER_NS:
             return None
         hours = np.array([at_ns for at_ns, _ in self._history]) / 3.6e12
@@ -140,9 +141,10 @@ class CoarseHistory:
 
 @jit
 def _fastest(times_ns: I64, celsius: F64, used: I64, drift: F64) -> int:
-    """The sensor that changes fastest, or -1; into *drift* its slope, standard error and step.
+    """Return the sensor that changes fastest, or -1; *drift* gets slope, standard error, step.
 
-    Slopes by least squares over all n readings, in K/h; a sensor that lacks one does not count.
+    Slopes are least-squares fits to all n readings, in K/h; a sensor that lacks a reading does not
+    count.
     """
     n, worst, highest = len(times_ns), -1, 0.0
     if n < 3 or times_ns[n - 1] - times_ns[0] < RATE_AFTER_NS:
@@ -169,7 +171,7 @@ def _fastest(times_ns: I64, celsius: F64, used: I64, drift: F64) -> int:
             step = abs(celsius[i, sensor] - celsius[i - 1, sensor])
             if step > STEP_K:
                 hours = (times_ns[i] - times_ns[i - 1]) / 3.6e12
-                jump = max(jump, step / max(hours, 1e-12))  # a reading told twice is no step
+                jump = max(jump, step / max(hours, 1e-12))  # a duplicate reading is not a step
         rate = max(abs(slope) - 3 * error, jump)
         if worst < 0 or rate > highest:
             worst, highest = sensor, rate

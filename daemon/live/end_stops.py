@@ -1,28 +1,31 @@
-"""Joints that read where no joint can be, as events and in words."""
+"""Joints that read far beyond their end stops, as events and in words."""
 
 from __future__ import annotations
 
 from armd.compensation.model.arm import Arm
 from armd.drivers.sample import Event
 
-#: So long must a joint be within its end stops before it counts as back, however it flickers.
+#: Time within the end stops after which a joint counts as back, so that flicker is ignored.
 BACK_AFTER_NS = 500_000_000
 
 
 class EndStopWatch:
-    """Told 20 times a second which joints were beyond their end stops."""
+    """Watches joints beyond their end stops; `look` is called 20 times a second."""
 
     def __init__(self, arm: Arm) -> None:
         self._limits = {k: (joint.min_deg, joint.max_deg) for k, joint in enumerate(arm.joint, 1)}
-        self._beyond: dict[int, tuple[str, int]] = {}  # joint → what is the matter, seen last
+        self._beyond: dict[int, tuple[str, int]] = {}  # joint → description, last time seen
 
     @property
     def hindrance(self) -> str:
-        """What keeps a person from measuring; "" if nothing does."""
+        """The reason why a person cannot measure; "" if there is none."""
         return next((text for text, _ in self._beyond.values()), "")
 
     def look(self, beyond_deg: dict[int, float], now_ns: int) -> list[Event]:
-        """*beyond_deg*: joints that read beyond since the last call, and the farthest angle."""
+        """Return the events of joints that went beyond their end stops or came back.
+
+        *beyond_deg* has the joints that read beyond since the last call, with the farthest angle.
+        """
         events = []
         for joint, angle_deg in beyond_deg.items():
             entry = self._beyond.get(joint)

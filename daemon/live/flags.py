@@ -1,4 +1,4 @@
-"""The flags of a point, decided sample by sample (armd.Flag tells what each means)."""
+"""Set the flags of a point, sample by sample (armd.Flag describes each)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _REST = int(Flag.AT_REST)
 
 
 class Flagger:
-    """What `set_flags` must know of one arm, and remembers between batches of any size."""
+    """The data of one arm for `set_flags`, kept between batches of any size."""
 
     def __init__(self, arm: Arm) -> None:
         low, high = arm.limits_rad
@@ -36,9 +36,12 @@ class Flagger:
     def judge_by(
         self, slow: Flag, stale_after_ns: int, invalid_after_ns: int, calibration: int
     ) -> None:
-        """From the next sample on. *slow* holds for all: the flags that change with a temperature
-        or a calibration (TEMPERATURE_RANGE, TEMPERATURE_RATE, NOT_CALIBRATED). After the two
-        instants the temperature is stale, and held no longer."""
+        """Set the flags and limits that hold from the next sample on.
+
+        *slow* are the flags of all samples, which change only with a temperature or a calibration
+        (TEMPERATURE_RANGE, TEMPERATURE_RATE, NOT_CALIBRATED). After *stale_after_ns* the
+        temperature is stale; after *invalid_after_ns* points are invalid.
+        """
         self.memory["slow"] = int(slow)
         self.memory["stale_after_ns"] = stale_after_ns
         self.memory["invalid_after_ns"] = invalid_after_ns
@@ -46,7 +49,10 @@ class Flagger:
 
 
 def _memory(n_joints: int) -> np.dtype[np.void]:
-    """One record: it crosses into the compiled call as one array, for what two numbers cost."""
+    """Return the dtype of the memory: one record, because one array costs as much as two numbers.
+
+    This is the cost of passing it to the compiled call.
+    """
     return np.dtype(
         [
             ("low", "f8", (n_joints,)),  # rad, limits of the joints
@@ -62,7 +68,7 @@ def _memory(n_joints: int) -> np.dtype[np.void]:
 
 @jit
 def set_flags(samples: Any, q: Any, still_since_ns: Any, memory: Any, points: Any) -> None:
-    """Flag the points (n,) of samples with angles (n, N) rad, and copy what is the samples'.
+    """Flag the points (n,) of samples with angles (n, N) rad, and copy the samples' fields.
 
     An invalid point's numbers become NaN. *memory* is a `Flagger`'s.
     """
@@ -104,10 +110,10 @@ def set_flags(samples: Any, q: Any, still_since_ns: Any, memory: Any, points: An
 
 @jit
 def _is_finite(point: Any) -> bool:
-    """Whether every number of a point is one; a covariance that is not known is NaN throughout, one
-    of which a part is NaN has overflowed.
+    """Return whether all numbers of a point are finite.
 
-    What is not adds up to something that is not: one test instead of sixteen.
+    An unknown covariance is NaN throughout; a covariance with only some NaN has overflowed. The sum
+    of all is finite only if each is: one test instead of sixteen.
     """
     total = 0.0
     for part in range(3):

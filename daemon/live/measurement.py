@@ -1,8 +1,8 @@
-"""A measurement: the average over a stretch of rest, taken by a button or by the rest itself.
+"""A measurement: the average over a rest, triggered by a button or by the rest itself.
 
-One rule for all cases: a measurement averages the valid points since the tip came to rest, at
-most the last `average_s` seconds, up to the press. Pressed in motion, that is the one point of
-the press (`count` 1, no standard deviation).
+One rule holds for all cases: a measurement averages the valid points since the tip came to rest, at
+most of the last `average_s` seconds, up to the press. For a press in motion it is the single point
+of the press (`count` 1, no standard deviation).
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from armd.compiled.jit import jit, select_compiled
 
 TriggeredBy: TypeAlias = Literal["button", "rest"]
 
-#: A contact bounces for some milliseconds: a button that was let go for less was not let go. No
-#: finger presses twice in so short a time.
+#: A contact bounces for some milliseconds, so a shorter release does not count. No finger presses
+#: twice in so short a time.
 BOUNCE_NS = 30_000_000
-#: Points remembered at first, and at most: `average_s` at the highest rate any wire carries.
+#: Points stored at first, and at most: `average_s` at the highest rate of any wire.
 ROOM, REMEMBERED = 1 << 11, 1 << 15
-#: What `_keep` answers.
+#: The results of `_keep`.
 _UNTOUCHED, _TOUCHED, _NO_ROOM = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class Press:
-    """A button went down: bit numbers that rose, and the row of the batch."""
+    """A press: the numbers of the buttons' bits that rose, and the row of the batch."""
 
     buttons: list[int]
     row: int
@@ -52,7 +52,7 @@ class Measurement:
     angles_rad: list[float] | None  # (N,) as read, averaged like the position
     count: int
     duration_s: float
-    still_s: float  # since the tip was moved last, whatever was averaged of it
+    still_s: float  # since the tip moved last, also before the averaged points
     flags: Flag
     buttons: int
     calibration: int  # 0: none
@@ -69,11 +69,11 @@ class Measurement:
 
 
 class Averager:
-    """Remembers the last points, with the joints' angles, and averages a stretch of them."""
+    """Stores the last points with the joints' angles, and averages a rest."""
 
     def __init__(self, average_s: float, n_joints: int) -> None:
         self._average_ns = round(average_s * 1e9)
-        self._span_ns = self._average_ns  # for which points must stay; 0: there is room for no more
+        self._span_ns = self._average_ns  # for which points must stay; 0: the size is at its limit
         self._past = np.zeros(ROOM, POINT)
         self._angles = np.zeros((ROOM, n_joints))
         self._written = 0
@@ -81,12 +81,12 @@ class Averager:
         self._buttons["down_ns"] = -(1 << 62)  # long ago
         self._risen = np.zeros(0, np.uint32)
         self._touched = False  # a button was down in the last batch
-        #: `_keep`, settled: points and angles are the pipeline's, the rest is made here.
+        #: `_keep` compiled for the kinds of its arguments, which stay the same.
         self._keep: Callable[..., int] | None = None
         self._resting = False
 
     def remember(self, points: npt.NDArray[np.void], angles: F64) -> list[Press]:
-        """Keep a batch of points (n,) with angles (m ≥ n, N) rad; returns the presses in it."""
+        """Store a batch of points (n,) with angles (m ≥ n, N) rad; return its presses."""
         while True:
             arguments = points, angles, self._past, self._angles, self._written, self._span_ns
             if self._keep is None:
@@ -111,14 +111,14 @@ class Averager:
         ]
 
     def rests(self, points: npt.NDArray[np.void]) -> list[int]:
-        """Rows of a batch at which a rest begins to count as one (flag 9 rises)."""
+        """Return the rows of a batch at which a rest begins to count as one (flag 9 rises)."""
         resting = (points["flags"] & Flag.AT_REST) != 0
         before = np.concatenate([[self._resting], resting[:-1]])
         self._resting = bool(resting[-1])
         return np.flatnonzero(resting & ~before).tolist()
 
     def average(self, trigger: TriggeredBy, point: np.void, still_since_ns: int) -> Measurement:
-        """The measurement that ends with *point*, one of those remembered."""
+        """Return the measurement that ends with *point*, one of the stored ones."""
         end_ns = int(point["monotonic_ns"])
         rows = self._rows_since(max(still_since_ns, end_ns - self._average_ns))
         past = self._past[rows]
@@ -152,7 +152,7 @@ class Averager:
         )
 
     def _rows_since(self, since_ns: int) -> I64:
-        """Where the points from an instant on are remembered, the oldest first."""
+        """Return the rows of the stored points from an instant on, the oldest first."""
         times = self._past["monotonic_ns"]
         room = len(times)
         low, high = max(0, self._written - room), self._written
@@ -165,7 +165,7 @@ class Averager:
         return np.arange(low, self._written) % room
 
     def _make_room(self) -> None:
-        """For twice as many points; what is remembered stays."""
+        """Double the number of points that can be stored, and keep the stored ones."""
         room = len(self._past)
         rows = np.arange(max(0, self._written - room), self._written)
         past, angles = np.zeros(2 * room, POINT), np.zeros((2 * room, self._angles.shape[1]))
@@ -176,14 +176,17 @@ class Averager:
             self._span_ns = 0
 
 
-#: Which buttons were down at the last point, and when each was so last (monotonic).
+#: The buttons that were down at the last point, and when each was down last (monotonic).
 _BUTTONS = np.dtype([("down", "i8"), ("down_ns", "i8", (32,))])
 
 
 @jit
 def _keep(points: Any, angles: Any, past: Any, past_angles: Any, written: int, span_ns: int) -> int:
-    """Points (n,) and angles (≥ n, N) into the ring after the *written* ones; whether a button was
-    down at any. Nothing, where one less than *span_ns* older than a new one would go for it."""
+    """Write points (n,) and angles (≥ n, N) into the ring after the *written* ones.
+
+    Returns whether a button was down at any of them. Writes nothing and returns `_NO_ROOM` if that
+    would overwrite a point that is at most *span_ns* older than its replacement.
+    """
     room = len(past)
     if span_ns > 0:
         if len(points) > room:
@@ -205,8 +208,10 @@ def _keep(points: Any, angles: Any, past: Any, past_angles: Any, written: int, s
 
 @jit
 def _press(points: Any, buttons: Any, risen: Any) -> bool:
-    """Into *risen* (≥ n,) the bits of the buttons that were pressed at each of the points (n,);
-    whether any was."""
+    """Write the bits of buttons pressed at each of the points (n,) into *risen* (≥ n,).
+
+    Returns whether any button was pressed.
+    """
     state = buttons[0]
     pressed = False
     for i in range(len(points)):
@@ -225,5 +230,5 @@ def _press(points: Any, buttons: Any, risen: Any) -> bool:
 
 
 def as_list_if_finite(values: npt.NDArray[np.floating[Any]]) -> list[float] | None:
-    """As a list; None unless all of them are finite."""
+    """Return the values as a list; None unless all of them are finite."""
     return values.tolist() if np.isfinite(values).all() else None

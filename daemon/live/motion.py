@@ -1,7 +1,7 @@
-"""What joints and tip are doing: rates and sides of approach, direction of travel, rest.
+"""Compute the motion of joints and tip: rates, sides of approach, travel, rest.
 
-Everything here is decided sample by sample from the counts and the stream's own monotonic_ns, so
-that a replay gives the same answers however the bytes were cut into batches.
+Everything is decided sample by sample from the counts and the stream's own monotonic_ns. So a
+replay gives the same result however the bytes were cut into batches.
 """
 
 from __future__ import annotations
@@ -16,41 +16,44 @@ from armd.compiled.jit import jit
 REST_AFTER_NS = 500_000_000
 #: The tip counts as moving above this speed; the contract's bound is 10 mm/s.
 MOVING_MM_S = 8.0
-#: A hand that presses a probe into a seat trembles by this much.
+#: Tremor of a hand that presses a probe into a seat.
 TREMOR_MM = 0.01
-#: Where samples are missing for longer nobody knows what the tip did meanwhile: rates and rests
-#: start anew. An arm that sends fewer than ten a second misses none …
+#: Where samples are missing for longer, the tip's motion is unknown: rates and rests start again.
+#: Without missing samples an arm may send fewer than ten a second …
 GAP_NS = 100_000_000
-#: … but of less than one a second a rest cannot be told.
+#: … but a rest cannot be detected from less than one a second.
 LONG_GAP_NS = 1_000_000_000
-#: A joint has turned back when it comes back by this much; less is noise.
+#: A joint has turned back when it returns by this much; less is noise.
 SIDE_PLAY_RAD = 4e-5
-#: An encoder whose single count moves the tip by tenths of a millimetre flickers by one count to
-#: either side, now and then by two: its average over so long is looked at, which that hardly moves.
+#: A coarse encoder, whose single count moves the tip by tenths of a millimetre, flickers by one
+#: count to either side, sometimes by two. Its average over this time hardly changes by that.
 COARSE_BELOW_PER_TURN, COARSE_LATELY_S = 1 << 15, 0.01
-#: So many counts from a rest's mean it is a motion, one that is in its second count; more where
-#: rows are so far apart that the average is of few (docs/decisions/0013).
+#: A motion if the average is so many counts from a rest's mean, that is in the second count; more
+#: counts where rows are so far apart that the average is of few (docs/decisions/0013).
 COARSE_COUNTS, COARSE_COUNTS_ALONE = 1.1, 1.6
-#: Where several such joints turn at once none need be two counts away: the tip is away from the
-#: rest's mean by more than a count at reach.
+#: Where several such joints turn together, possibly none is two counts away. Then it is a motion if
+#: the tip is farther from the rest's mean than so many counts at full reach.
 COARSE_TIP_COUNTS = 1.1
-#: Carries a joint's side while it rests.
+#: Rate of a joint at rest: its sign carries the side of approach.
 NO_RATE_RAD_S = 1e-12
-#: The tip drags its direction of travel behind it on a string of this length.
+#: Length of the line from the tip to the point dragged behind it, which gives the direction.
 TRAIL_MM = 0.2
-#: Samples over which the noise of the position is learnt, and over which a rest's mean follows.
+#: Samples over which the position's noise is estimated, and over which a rest's mean is taken.
 NOISE_SAMPLES = 100.0
 MEAN_SAMPLES = 2000.0
 
 
 class Motion:
-    """What is remembered of one arm's motion; `follow` goes on from it, in batches of any size."""
+    """The memory of one arm's motion, which `follow` continues in batches of any size."""
 
     def __init__(self, counts_per_turn: list[int], reach_mm: float) -> None:
-        """*reach_mm*: longest lever from a joint to the tip, which turns a count into mm."""
+        """Set up; *reach_mm* is the longest lever from a joint to the tip.
+
+        It converts a count to mm.
+        """
         resolution_mm = reach_mm * 2 * math.pi / min(counts_per_turn)
         self.memory = np.zeros(1, _memory(len(counts_per_turn)))
-        self.memory["floor_mm"] = 1.5 * resolution_mm  # one count to and fro is not a motion
+        self.memory["floor_mm"] = 1.5 * resolution_mm  # a flicker of one count is not a motion
         count_rad = 2 * math.pi / np.array(counts_per_turn)
         coarse = np.array(counts_per_turn) < COARSE_BELOW_PER_TURN
         self.memory["coarse"] = coarse.any()
@@ -60,15 +63,18 @@ class Motion:
 
 
 def _memory(n_joints: int) -> np.dtype[np.void]:
-    """One record: it crosses into the compiled call as one array, for what two numbers cost."""
+    """Return the dtype of the memory: one record, because one array costs as much as two numbers.
+
+    This is the cost of passing it to the compiled call.
+    """
     return np.dtype(
         [
             ("floor_mm", "f8"),
-            ("mean", "f8", (3,)),  # mm: of the tip at rest, over `count` samples
+            ("mean", "f8", (3,)),  # mm: mean of the tip at rest, over `count` samples
             ("count", "f8"),
-            ("last", "f8", (3,)),  # mm: the tip one sample ago, and two
+            ("last", "f8", (3,)),  # mm: the tip one and two samples ago
             ("before", "f8", (3,)),
-            ("trail", "f8", (3,)),  # mm: what the tip drags behind it, and in which direction
+            ("trail", "f8", (3,)),  # mm: the point dragged behind the tip
             ("direction", "f8", (3,)),
             ("variance", "f8"),  # mm²: noise of the position
             ("n_seen", "i8"),  # samples since the last gap
@@ -78,13 +84,13 @@ def _memory(n_joints: int) -> np.dtype[np.void]:
             ("last_q", "f8", (n_joints,)),  # rad
             ("turned_q", "f8", (n_joints,)),  # rad: the farthest point reached on this side
             ("sides", "f8", (n_joints,)),  # ±1, 0 unknown
-            ("play_rad", "f8", (n_joints,)),  # less than this to and fro is noise
-            ("coarse", "?"),  # any encoder is
-            ("coarse_mm", "f8"),  # of `lately` from `mean`: a motion
+            ("play_rad", "f8", (n_joints,)),  # a smaller change of direction is noise
+            ("coarse", "?"),  # whether any encoder is
+            ("coarse_mm", "f8"),  # distance of `lately` from `mean` that is a motion
             ("lately", "f8", (3,)),  # mm: the tip's average over `COARSE_LATELY_S`
-            ("count_rad", "f8", (n_joints,)),  # of a coarse encoder
-            ("lately_q", "f8", (n_joints,)),  # rad: of coarse encoders, as `lately`
-            ("mean_q", "f8", (n_joints,)),  # rad: of coarse encoders at rest, as `mean`
+            ("count_rad", "f8", (n_joints,)),  # of a coarse encoder, else infinite
+            ("lately_q", "f8", (n_joints,)),  # rad: like `lately`, of joints
+            ("mean_q", "f8", (n_joints,)),  # rad: like `mean`, of joints
         ]
     )
 
@@ -93,11 +99,12 @@ def _memory(n_joints: int) -> np.dtype[np.void]:
 def follow(
     samples: Any, q: Any, position: Any, memory: Any, rate: Any, approach: Any, still_since: Any
 ) -> None:
-    """Samples (n,) with their joint angles (n, N) rad and tips (n, 3) mm, and a `Motion`'s memory.
+    """Compute rates, directions of travel and rests of samples (n,), from a `Motion`'s memory.
 
-    Fills *rate* (n, N) rad/s whose sign is the side of approach (at rest it stays, on a value of
-    almost 0; NaN while unknown), *approach* (n, 3) unit vectors (NaN while unknown) and the instant
-    (n,) ns since which the tip has been still.
+    *q* (n, N) rad are their joint angles, *position* (n, 3) mm their tips. Fills *rate* (n, N)
+    rad/s, whose sign is the side of approach (at rest the sign stays, with a value of almost 0; NaN
+    while unknown), *approach* (n, 3) unit vectors (NaN while unknown) and *still_since* (n,) ns,
+    the instant since which the tip has been still.
     """
     state = memory[0]
     mean, last, before, sides = state.mean, state.last, state.before, state.sides
@@ -142,7 +149,7 @@ def follow(
             away += (coordinate - mean[axis]) ** 2
             before[axis] = last[axis]
             last[axis] = coordinate
-        if n_seen > 1:  # second differences see noise (variance 6 s² an axis), hardly motion
+        if n_seen > 1:  # second differences: noise (variance 6 s² an axis), hardly any motion
             state.variance += (jerk / 18.0 - state.variance) / min(NOISE_SAMPLES, n_seen)
         noise = max(6.0 * math.sqrt(state.variance), state.floor_mm)
         moved = (
@@ -189,7 +196,10 @@ def follow(
 
 @jit
 def _turn(k: int, q: float, state: Any) -> None:
-    """Side of approach with play: `turned_q` is the farthest point reached on this side."""
+    """Update a joint's side of approach, with backlash.
+
+    `turned_q` is the farthest point reached on this side.
+    """
     sides, turned_q = state.sides, state.turned_q
     beyond = q - turned_q[k]
     if sides[k] == 0.0:
@@ -205,7 +215,7 @@ def _turn(k: int, q: float, state: Any) -> None:
 
 @jit
 def _drag(position: Any, state: Any) -> None:
-    """The direction of travel: from a point dragged behind the tip, held while it rests."""
+    """Update the direction of travel, from a point dragged behind the tip; it stays at rest."""
     trail, direction = state.trail, state.direction
     if state.n_seen == 0:
         for axis in range(3):

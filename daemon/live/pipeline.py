@@ -1,7 +1,7 @@
-"""Samples in, points out: no port, no clock, no network.
+"""Convert samples to points, without port, clock and network.
 
-Every decision rests on the samples, the temperatures and their own monotonic_ns, so a replay of
-the same stream gives bit-identical points however it was cut into batches.
+Every decision depends only on the samples, the temperatures and their own monotonic_ns. So a replay
+of the same stream gives bit-identical points however it was cut into batches.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ from armd.drivers.sample import SampleArray, Temperatures
 
 PointArray = npt.NDArray[np.void]
 
-#: Temperatures are remembered for this long, so coarsely: link time constants are many minutes.
+#: Time and step of the stored temperatures; link time constants are many minutes.
 MEMORY_S = 7200.0
 MEMORY_STEP_S = 10.0
-#: Samples of a batch for which there is room at first.
+#: Initial limit of samples in a batch.
 ROOM = 64
-#: No joint goes so far beyond its end stop: an encoder that says so is broken, or not this joint's.
+#: No joint goes so far beyond its end stop: such an encoder is broken, or of another joint.
 BEYOND_STOP_DEG = 10.0
-#: Points that an array is made for at once.
+#: Points of an array that is allocated at once.
 POINTS_MADE = 256
-#: A model that depends on the date is brought up to it this often, if no temperature does it.
+#: Period after which a model that depends on the date is updated, if no temperature does it.
 DATE_STEP_NS = 1_000_000_000
 
 
 class Joints(NamedTuple):
-    """What joints and tip did at n samples, as `armd.daemon.live.motion.follow` tells it.
+    """Motion of joints and tip at n samples, from `armd.daemon.live.motion.follow`.
 
-    The arrays have room for more (m ≥ n rows) and are overwritten by the next samples.
+    The arrays may have more rows (m ≥ n) and are overwritten by the next samples.
     """
 
     q: F64  # (m, N) rad, as read (before θ offset)
@@ -58,41 +58,41 @@ class Joints(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """What another calibration needs, made ready beside the stream."""
+    """Another calibration, prepared beside the stream."""
 
     arm: Arm
     calibration: LoadedCalibration | None
     model: Model
-    past_ns: int  # stamp of the last temperatures of the past that its lags know
+    past_ns: int  # stamp of the last past temperatures that its lags include
 
 
 class Pipeline:
-    """The arithmetic of one arm between its driver and its publisher."""
+    """The computation of one arm between its driver and its publisher."""
 
     def __init__(self, arm: Arm, calibration: LoadedCalibration | None, limits: Limits) -> None:
         turns = [joint.counts_per_turn or 1 for joint in arm.joint]
         motion, self._flagger = Motion(turns, arm.reach_mm), Flagger(arm)
-        #: All that is remembered between samples, in one record.
+        #: All memory between samples, in one record.
         self._memory = _one_record(
             encoders=_encoders(arm, turns), motion=motion.memory, flags=self._flagger.memory
         )
         self._flagger.memory = self._memory["flags"]
         self._room = ROOM
-        #: `_correct`, settled for samples of this kind and the model in use; all else is made here.
+        #: `_correct`, compiled for samples of this kind and the model in use.
         self._settled: Callable[..., None] | None = None
         self._kind: Hashable = None
         self._points, self._used = np.zeros(0, POINT), 0
         self.temperature = TemperatureWatch(arm, limits)
-        self._stamp_ns = 0  # of the last temperatures, or of a later sample where the date counts
+        self._stamp_ns = 0  # of the last temperatures, or of a later sample if dated
         self._past: deque[tuple[F64, int]] = deque(maxlen=round(MEMORY_S / MEMORY_STEP_S))
         self._begun = False
         self.use(self.prepare(arm, calibration))
 
     def prepare(self, arm: Arm, calibration: LoadedCalibration | None) -> Prepared:
-        """Everything that takes long of `use`; in any thread, while samples are corrected."""
+        """Do the slow part of `use`, in any thread, while samples are corrected."""
         model = Model(arm, calibration)
         past_ns = 0
-        for celsius, past_ns in tuple(self._past):  # a term that lags remembers what it never saw
+        for celsius, past_ns in tuple(self._past):  # gives lagged terms the past temperatures
             model.follow(celsius, past_ns * 1e-9)
         return Prepared(arm, calibration, model, past_ns)
 
@@ -104,13 +104,13 @@ class Pipeline:
         self._own_flags = Flag.NOT_CALIBRATED if calibration is None else Flag(0)
         self.temperature.use(arm, None if calibration is None else calibration.content)
         for celsius, stamp_ns in self._past:
-            if stamp_ns > past_ns:  # what came while it was prepared
+            if stamp_ns > past_ns:  # arrived during the preparation
                 self._model.follow(celsius, stamp_ns * 1e-9)
         self._lay_out()
         self._fold()
 
     def take_temperatures(self, reading: Temperatures) -> None:
-        """Everything after this reading is corrected with it, unless too many come."""
+        """Use a reading for all later samples, unless too many readings come."""
         if not self.temperature.update(reading.celsius, reading.monotonic_ns, reading.resolution_c):
             return
         self._stamp_ns = reading.stamp_ns
@@ -120,8 +120,10 @@ class Pipeline:
         self._fold()
 
     def take_beyond_stops(self) -> dict[int, float]:
-        """Joints that were invalid since the last call because they read far beyond an end stop,
-        with the farthest angle in degrees."""
+        """Return the joints that were invalid since the last call, with an angle in degrees.
+
+        They read far beyond an end stop; the angle is the farthest.
+        """
         excess, farthest = (self._memory["encoders"][name][0] for name in ("excess", "farthest"))
         if not excess.any():
             return {}
@@ -131,13 +133,16 @@ class Pipeline:
 
     @property
     def outside_period(self) -> tuple[float, float] | None:
-        """The period (Unix seconds) in which a term was identified that is held now, outside it."""
+        """The period (Unix seconds) of a term that is used outside it, or None.
+
+        The term was identified in that period, and its value is held now.
+        """
         return self._model.outside_period(self._stamp_ns * 1e-9) if self._stamp_ns else None
 
     def _fold(self) -> None:
-        """Whatever changes with the temperatures, or the date, and not with each sample."""
+        """Update all that depends on temperatures or the date, and not on each sample."""
         self._judge()
-        if self._stamp_ns or not self._model.dated:  # the first sample tells the date
+        if self._stamp_ns or not self._model.dated:  # else the first sample gives the date
             self._model.fold(self.temperature.held_c, self._stamp_ns * 1e-9)
         if not self.temperature.has_values:
             self._model.forget()  # lags start with the first measured temperatures
@@ -150,7 +155,10 @@ class Pipeline:
         self._flagger.judge_by(flags, watch.stale_after_ns, watch.invalid_after_ns, self._identity)
 
     def correct(self, samples: SampleArray) -> tuple[PointArray, Joints]:
-        """Points (n,) of samples (n,), and what the joints did; the latter until the next call."""
+        """Return points (n,) of samples (n,), and the joints' motion.
+
+        The latter is valid until the next call.
+        """
         n = len(samples)
         if not self._begun:
             self._begun = True
@@ -187,7 +195,10 @@ class Pipeline:
         self._settled(*arguments)
 
     def _new_points(self, n: int) -> PointArray:
-        """Zeros (n,) that nobody has yet; made for many at once, which costs as much as for one."""
+        """Return zeros (n,) that are not in use; many are allocated at once.
+
+        That costs as much as for one.
+        """
         end = self._used + n
         if end > len(self._points):
             self._points = np.zeros(max(n, POINTS_MADE), POINT)
@@ -196,8 +207,10 @@ class Pipeline:
         return points
 
     def _lay_out(self) -> None:
-        """One array of floats and one of integers hold the joints' columns and the model: each
-        array that crosses into the compiled call costs as much as a tenth of what it does."""
+        """Lay out the joints' columns and the model in one array of floats and one of integers.
+
+        Each array that is passed to the compiled call costs a tenth of the call's work.
+        """
         m, n_joints = self._room, len(self._memory["encoders"]["radians"][0])
         sizes, numbers, work = self._model.flat
         rows = self._model.covariance[1]
@@ -213,7 +226,7 @@ class Pipeline:
 
 
 def _one_record(**memories: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """(1,) with a record (1,) under each name."""
+    """Return (1,) with a record (1,) under each name."""
     record = np.zeros(1, [(name, memory.dtype) for name, memory in memories.items()])
     for name, memory in memories.items():
         record[name] = memory
@@ -222,8 +235,10 @@ def _one_record(**memories: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
 
 @jit
 def _parts(floats: Any, room: int, n_joints: int, n_numbers: int) -> Any:
-    """Joint angles, rates, approaches and tips of *room* samples, and a model's numbers and scratch
-    for one sample, where they lie in *floats*."""
+    """Return views of *floats*: angles, rates, approaches, tips, numbers and scratch.
+
+    The first four have *room* samples. The model's numbers and its scratch are for one sample.
+    """
     m = room * n_joints
     q, rate, rest = floats[:m], floats[m : 2 * m], floats[2 * m :]
     m = 3 * room
@@ -240,9 +255,11 @@ def _correct(
     samples: Any, start: int, room: int, memory: Any, floats: Any, n_numbers: int, ints: Any,
     factor: Any, floor_mm2: float, points: Any,
 ) -> None:  # fmt: skip
-    """From samples (n,) to finished points (n,): the live path's one compiled call, because each
-    call from Python costs as much as what it does for one sample, and each array a tenth. Rows from
-    *start* on become what the joints did."""
+    """Compute finished points (n,) from samples (n,), the only compiled call of the live path.
+
+    Each call from Python costs as much as its work for one sample, and each array a tenth of that.
+    The joints' motion is written to the rows from *start* on.
+    """
     encoders, n = memory[0].encoders, len(samples)
     q, rate, approach, tip, numbers, work = _parts(floats, room, len(encoders.radians), n_numbers)
     end, first = start + n, len(ints) - len(factor)
@@ -258,8 +275,10 @@ def _correct(
 
 @jit
 def _angles(samples: Any, encoders: Any, q: Any) -> None:
-    """Angles (n, N) rad; a joint that turns at most once is in the turn of its limits. One that
-    cannot be where it says it is becomes invalid."""
+    """Compute angles (n, N) rad; a joint that turns at most once is in the turn of its limits.
+
+    A joint that reads far beyond its end stops becomes invalid.
+    """
     for i in range(len(samples)):
         for k in range(q.shape[1]):
             angle = samples[i].count[k] * encoders.radians[k]
@@ -276,9 +295,12 @@ def _angles(samples: Any, encoders: Any, q: Any) -> None:
 
 
 def _encoders(arm: Arm, counts_per_turn: list[int]) -> npt.NDArray[np.void]:
-    """One record of all joints: rad per count, the middle of its range, whether that is at most one
-    turn, the angles (rad) between which it can be, and by how much it was beyond since that was
-    asked last, where at the farthest."""
+    """Return one record with the constants and the excess of all joints.
+
+    It has rad per count, the middle of the range, whether the range is at most one turn, and the
+    angles (rad) between which a joint can be. *excess* is how far it was beyond them since the last
+    `take_beyond_stops`, *farthest* the angle there.
+    """
     names = ("radians", "middle", "least", "most", "excess", "farthest")
     joints = (arm.n_joints,)
     encoders = np.zeros(1, [(name, "f8", joints) for name in names] + [("one_turn", "u1", joints)])

@@ -1,4 +1,4 @@
-"""Decides when a temperature is too old, out of range or changes too fast; holds the last value."""
+"""Judge whether temperatures are too old, out of range or too fast; hold the last value."""
 
 from __future__ import annotations
 
@@ -15,38 +15,38 @@ from armd.daemon.config import Limits
 from armd.daemon.live.drift import CoarseHistory, RecentReadings
 
 STALE_AFTER_NS = 5_000_000_000
-#: Readings a second that are taken on, beside a few in a row (modules that answer one after the
-#: other): links take minutes, and each reading costs a fold and a minute's slopes.
+#: Readings a second that are used, and how many at once (modules that answer one after another).
+#: Links take minutes, and each reading costs a fold and the slopes of a minute.
 MOST_HZ, IN_A_ROW = 20.0, 8.0
 NEVER_NS = np.iinfo(np.int64).max
 STALE_NOW_NS = -1  # before every sample
 
 
 class TemperatureWatch:
-    """Keeps the last good value of every channel and judges its age, range and rate."""
+    """Stores the last good value of every channel and judges its age, range and rate."""
 
     def __init__(self, arm: Arm, limits: Limits) -> None:
         self.sensors = arm.sensors
         self._hold_ns = round(limits.temperature_hold_s * 1e9)
         self._limit_k_per_h = limits.temperature_rate_k_per_h
         n = len(self.sensors)
-        #: (S,) the last good values, arm.toml's reference before the first; a new array each time
+        #: (S,) the last good values, before the first arm.toml's reference; a new array each time
         self.held_c = np.full(n, arm.reference_temperature_c)
-        # Plain lists: on a handful of sensors numpy takes ten times as long.
+        # Plain lists: for a few sensors numpy takes ten times as long.
         self._current_c = [math.nan] * n
         self._heard_c = [math.nan] * n  # the last good value, NaN before the first
         self._good_ns = [-1] * n
         self._heat = [LiveSensor(arm.reference_temperature_c) for _ in self.sensors]
-        #: °C by sensor name: what it reads now that no link can have, and the value held instead
+        #: °C by sensor name: the present reading that is impossible for a link, and the held value
         self.impossible: dict[str, tuple[float, float]] = {}
         self._begun_ns: int | None = None
         self._history: RecentReadings | CoarseHistory = RecentReadings(self.sensors)
-        self._allowed, self._allowed_ns = IN_A_ROW, 0  # readings, as of an instant
+        self._allowed, self._allowed_ns = IN_A_ROW, 0  # readings, at an instant
         self._resolution_c = 0.0
         self.use(arm, None)
 
     def use(self, arm: Arm, calibration: Calibration | None) -> None:
-        """Judge by another calibration; what was measured so far stays."""
+        """Judge by another calibration; the measured values stay."""
         used = list_used_sensors(arm, calibration)
         self._used = [i for i, name in enumerate(self.sensors) if name in used]
         self._used_array = np.array(self._used, np.int64)
@@ -59,16 +59,16 @@ class TemperatureWatch:
         self._judge()
 
     def begin(self, monotonic_ns: int) -> None:
-        """The stream starts: from here on a temperature that was never heard ages."""
+        """Start the stream: from here on a temperature that was never received ages."""
         self._begun_ns = monotonic_ns
         self._good_ns = [monotonic_ns if good_ns < 0 else good_ns for good_ns in self._good_ns]
         self._judge()
 
     def update(self, celsius: F64, monotonic_ns: int, resolution_c: float = 0.0) -> bool:
-        """One reading of all channels (S,), NaN where invalid, in steps of *resolution_c*.
+        """Take one reading of all channels (S,), NaN where invalid.
 
-        False, and nothing done, if too many come; a channel that has just become invalid is always
-        heard of.
+        It has steps of *resolution_c*. Returns False and does nothing if too many readings come,
+        unless a channel has become invalid now.
         """
         if resolution_c != self._resolution_c:
             self._resolution_c = resolution_c
@@ -95,7 +95,10 @@ class TemperatureWatch:
         return True
 
     def _possible(self, read_c: list[float], time_s: float) -> list[float]:
-        """The values that a link can have; NaN, as of an invalid channel, for the others."""
+        """Return the values that are possible for a link.
+
+        Others become NaN, as of an invalid channel.
+        """
         possible_c = list(read_c)
         self.impossible = {}
         for i, value in enumerate(read_c):
@@ -106,11 +109,11 @@ class TemperatureWatch:
 
     @property
     def has_values(self) -> bool:
-        """Every sensor in use has had a value."""
+        """Whether every sensor in use has had a value."""
         return not any(math.isnan(self._heard_c[i]) for i in self._used)
 
     def stale_sensors(self, monotonic_ns: int) -> tuple[str, ...]:
-        """Names of the sensors in use that are invalid, or silent for 5 s, at this instant."""
+        """Return the sensors in use that are invalid, or silent for 5 s, at this instant."""
         if monotonic_ns <= self.stale_after_ns:
             return ()
         late_ns = monotonic_ns - STALE_AFTER_NS
@@ -121,7 +124,10 @@ class TemperatureWatch:
         )
 
     def sensors_to_report(self, monotonic_ns: int) -> tuple[str, ...]:
-        """The stale sensors but those whose first value is still waited for after the start."""
+        """Return the stale sensors, except those whose first value may still come.
+
+        The first values are awaited for 5 s after the start.
+        """
         waited = self._begun_ns is not None and monotonic_ns > self._begun_ns + STALE_AFTER_NS
         return tuple(
             name
@@ -130,7 +136,7 @@ class TemperatureWatch:
         )
 
     def unsteady(self, limit_k_per_h: float) -> str:
-        """Why the sensors in use are not called steady; "" if they are."""
+        """Return why the sensors in use are not steady; "" if they are."""
         if not self._used:
             return ""
         if self.drift is None:
@@ -138,7 +144,7 @@ class TemperatureWatch:
         return str(self.drift) if self.drift.exceeds(limit_k_per_h) else ""
 
     def as_json(self) -> dict[str, float | None]:
-        """The last reading in °C by sensor name; None where a channel is invalid."""
+        """Return the last reading in °C by sensor name; None for an invalid channel."""
         return {
             name: None if math.isnan(value) else round(value, 3)
             for name, value in zip(self.sensors, self._current_c, strict=True)
@@ -164,7 +170,7 @@ class TemperatureWatch:
     def _judge_age(self) -> None:
         #: Samples later than this have `Flag.TEMPERATURE_STALE`.
         self.stale_after_ns = NEVER_NS
-        #: Samples later than this are invalid: the temperature is held no longer.
+        #: Samples later than this are invalid: the temperature is too old to be held.
         self.invalid_after_ns = NEVER_NS
         if self._used:
             oldest_ns = min([self._good_ns[i] for i in self._used])

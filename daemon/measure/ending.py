@@ -1,4 +1,4 @@
-"""What is made of a session at its end: the very commands a person would type, run as they are."""
+"""Run the commands at the end of a session, exactly as a person would type them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from armd.errors import BadInput
 
 Then = Literal["calibrate", "diagnose", "verify", "interim", "tip", "repeatability", "none"]
 
-#: What a kind ends with, where a calibration is in force and where none is.
+#: The commands of a kind with an active calibration, and without one.
 _USUAL: dict[PlanKind, tuple[tuple[Then, ...], tuple[Then, ...]]] = {
     "seats": (("diagnose",), ("calibrate",)),
     "artefact": (("calibrate", "diagnose"), ("calibrate",)),
@@ -30,22 +30,22 @@ _USUAL: dict[PlanKind, tuple[tuple[Then, ...], tuple[Then, ...]]] = {
 
 @dataclass(frozen=True)
 class EndOptions:
-    """What a person may say of the end."""
+    """The user's options for the end."""
 
-    then: Sequence[Then] | None = None  # None: as the kind has it
-    earlier_sessions: Sequence[Path] = ()  # sessions measured before, that take part
+    then: Sequence[Then] | None = None  # None: the kind's own
+    earlier_sessions: Sequence[Path] = ()  # earlier sessions to include
     mpe: Path | None = None  # of verify
     history: Path | None = None  # of interim
-    tip_name: str | None = None  # of tip: what the history calls it
-    apply_at: str | None = None  # of tip: the endpoint of the daemon that it is put in force on
+    tip_name: str | None = None  # of tip: its name in the history
+    apply_at: str | None = None  # of tip: endpoint of the daemon that activates it
 
 
 def list_commands(
     folder: Path, plan: Plan, in_use: MeasuredWith, options: EndOptions
 ) -> list[list[str]]:
-    """Arguments of `armd`, command after command; their outputs go into the session's folder.
+    """Return the arguments of `armd` for each command.
 
-    Raises `BadInput` for an end that lacks what it needs.
+    Their outputs go into the session's folder. Raises `BadInput` if a command lacks an input.
     """
     calibrated = in_use.calibration is not None
     then = options.then
@@ -81,7 +81,7 @@ def list_commands(
                 argument_lists.append(["tip", "calibrate", str(folder), *label])
             case "interim":
                 if options.history is None:
-                    continue  # the session is what was asked for
+                    continue  # only the session was requested
                 if not calibrated:
                     problem, expected = (
                         "no calibration in force",
@@ -97,16 +97,19 @@ def list_commands(
 
 @dataclass(frozen=True)
 class Done:
-    """A command that has run."""
+    """A finished command."""
 
-    command: str  # as a person types it
+    command: str  # as typed in a shell
     code: int
     output: str
     error: str
 
 
 def run(command: Sequence[str]) -> Done:
-    """In a process of its own; `code` is the command's: 0, 1 (the answer is no) or 2."""
+    """Run a command in a separate process.
+
+    `code` is the command's: 0, 1 (the answer is no) or 2.
+    """
     done = subprocess.run(
         [sys.executable, "-P", "-m", "armd.daemon.cli", *command],
         capture_output=True,

@@ -1,7 +1,7 @@
-"""Whether the arm is heard while a person measures, and what was pressed while it was not.
+"""Detect that the arm is silent during a measurement, and recover missed presses.
 
-A connection can be gone for a while, or the daemon starts anew. A press is then published and
-nobody hears it; the daemon remembers its last measurements, and is asked for them afterwards.
+A connection can be lost for a while, or the daemon restarts. A press is then published without a
+receiver. The daemon keeps its last measurements, and is asked for them afterwards.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ SILENT_S = 5.0  # health comes each second
 
 
 class Hearing:
-    """Ask `changed` again and again."""
+    """The state of the connection to the arm; call `changed` repeatedly."""
 
     def __init__(self, arm: Arm, clock_s: Callable[[], float] = time.monotonic) -> None:
-        """Measurements of before are no readings of this session, whenever they are heard of."""
+        """Note all past measurements, which are never readings of this session."""
         self._arm = arm
         self._clock_s = clock_s
         self._heard_s = clock_s()
@@ -30,7 +30,7 @@ class Hearing:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Within this `with` it is noted when the arm says how it is."""
+        """Note the arm's health messages within this `with`."""
         with self._arm.calling(keys.HEALTH, self._note):
             yield
 
@@ -38,20 +38,20 @@ class Hearing:
         self._heard_s = self._clock_s()
 
     def changed(self) -> bool:
-        """Whether the arm has fallen silent, or is heard again, since this was asked last."""
+        """Return whether the arm became silent, or is received again, since the last call."""
         before, self.silent = self.silent, self._clock_s() - self._heard_s > SILENT_S
         return self.silent != before
 
     def knows(self, measurement: Mapping[str, Any]) -> bool:
-        """Whether it was among `missed`: it may be heard as well, a moment later."""
+        """Return whether the measurement was among `missed`; it may also arrive a moment later."""
         return _get_identity(measurement) in self._heard
 
     def offered(self, measurement: Mapping[str, Any]) -> None:
-        """It was heard, and is not missed."""
+        """Note a measurement that was received, so that it is not missed."""
         self._heard.add(_get_identity(measurement))
 
     def missed(self) -> list[dict[str, Any]]:
-        """What the arm has measured since the begin and nobody has heard, the oldest first."""
+        """Return measurements since the beginning that were not received, the oldest first."""
         past = self._arm.past(keys.MEASUREMENT)
         missed = [measurement for measurement in past if not self.knows(measurement)]
         self._heard.update(map(_get_identity, missed))

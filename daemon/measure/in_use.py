@@ -1,4 +1,4 @@
-"""What the daemon measures with: arm, calibration and tip, and the files a result needs of them."""
+"""The daemon's arm, calibration and tip, and their files for a result."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ ARM, CALIBRATION = "arm.toml", "calibration_in_use.json"
 
 @dataclass(frozen=True)
 class MeasuredWith:
-    """The tip's offset and radius are already those of the tip in use."""
+    """The arm, calibration and tip of a measurement.
+
+    The tip's offset and radius are already those of the tip in use.
+    """
 
     arm: Arm
     calibration: Calibration | None  # None: nominal geometry
@@ -47,7 +50,7 @@ class MeasuredWith:
         return self.constants[self.arm.layout.tip]
 
     def write(self, folder: Path) -> tuple[Path, Path | None]:
-        """arm.toml and, where there is one, the calibration, for commands to read."""
+        """Write arm.toml and, if there is one, the calibration, for commands to read."""
         write_whole(folder / ARM, write_arm_toml(self.arm))
         if self.calibration is None:
             return folder / ARM, None
@@ -59,7 +62,10 @@ class MeasuredWith:
 
 
 def get_in_use(connection: Connection) -> MeasuredWith:
-    """Asked of a running daemon."""
+    """Ask a running daemon for its arm, calibration and tip.
+
+    Raises `ArmdError` for an invalid answer.
+    """
     info, text = connection.info(), connection.calibration_file()
     try:
         return read_in_use(info, text)
@@ -68,7 +74,7 @@ def get_in_use(connection: Connection) -> MeasuredWith:
 
 
 def read_in_use(info: Mapping[str, Any], calibration_text: str | None) -> MeasuredWith:
-    """From the daemon's `info` and its calibration file; raises `BadInput` for what is neither."""
+    """Read the daemon's `info` and its calibration file; raises `BadInput`."""
     arm = validate("the daemon's info", info["arm"], Arm)
     calibration, identity, data = None, None, None
     if calibration_text is not None:
@@ -98,5 +104,5 @@ def _with_tip(
 
 
 def write_arm_toml(arm: Arm) -> str:
-    """The text of an arm.toml."""
+    """Return the text of an arm.toml."""
     return format_toml(arm.model_dump(mode="json", by_alias=True, exclude_none=True))

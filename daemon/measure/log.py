@@ -1,7 +1,7 @@
-"""What happened in a guided measurement, line by line: JSON, appended and synced one by one.
+"""The log of a guided measurement: JSON lines, appended and synced one by one.
 
-Whoever was told that a reading was taken finds it here after a kill or a power cut. The session's
-folder is made of it anew at any time.
+A reading that was reported as taken is here after a kill or a power cut. The session's folder can
+be rebuilt from the log at any time.
 """
 
 from __future__ import annotations
@@ -21,22 +21,25 @@ from armd.files.writing import check_folder, explain_os_errors, flush_folder, wr
 
 NAME = "measuring.jsonl"
 SCHEMA = "armd.measuring/1"
-#: Ten thousand readings at a kilobyte each, refusals besides.
+#: Limit of a log: ten thousand readings at a kilobyte each, and refusals.
 MOST_BYTES = 64 << 20
 
 Entry = dict[str, Any]
 
 
 class Log:
-    """One writer at a time: a second one is refused. Close it."""
+    """The open log with one writer; a second writer is refused. Close it."""
 
     def __init__(self, folder: Path, header: Mapping[str, Any]) -> None:
-        """Begin in *folder* with *header*, or go on where its log ends (`header` and `past` say
-        how it began). Raises `BadInput` for a folder of another session, or a damaged log."""
+        """Begin in *folder* with *header*, or continue its log.
+
+        `header` and `past` are then those of the log. Raises `BadInput` for a folder of another
+        session, or a damaged log.
+        """
         check_output_folder(folder)
         path = folder / NAME
         if not path.exists():
-            for name in ("session.toml", *READINGS, "arm.toml"):  # which is written here, too
+            for name in ("session.toml", *READINGS, "arm.toml"):  # arm.toml is written here, too
                 if (folder / name).exists():
                     expected = "a new folder, or one that `armd measure` began"
                     raise BadInput(folder, "the folder", name, expected)
@@ -62,8 +65,10 @@ class Log:
             raise BadInput(path, "line 1", repr(self.header.get("schema")), repr(SCHEMA))
 
     def append(self, entry: Mapping[str, Any]) -> None:
-        """On the disk when this returns; raises `BadInput` where it cannot be, and then nothing of
-        it is there."""
+        """Append an entry, which is on the disk when this returns.
+
+        Raises `BadInput` if it cannot be written; then no part of it is there.
+        """
         data = (json.dumps(entry, allow_nan=False, separators=(",", ":")) + "\n").encode()
         size = os.fstat(self._handle).st_size
         with explain_os_errors(Path(NAME)):
@@ -87,7 +92,10 @@ class Log:
             raise BadInput(path, "the session", problem, "one at a time") from None
 
     def _whole_lines(self, path: Path) -> list[Entry]:
-        """What stands there; a line that a kill tore was never told of, and goes."""
+        """Return the entries of the log.
+
+        A line that a kill cut short was never reported as taken, and is removed.
+        """
         size = os.fstat(self._handle).st_size
         if size > MOST_BYTES:
             raise BadInput(path, "the file", f"{size} bytes", f"{MOST_BYTES} at most")
@@ -108,7 +116,10 @@ class Log:
 
 
 def load_beginning(folder: Path) -> Entry | None:
-    """How the log in *folder* begins; None where there is none. Raises `BadInput`."""
+    """Return the first entry of the log in *folder*; None without a log.
+
+    Raises `BadInput`.
+    """
     path = folder / NAME
     if not path.exists():
         return None

@@ -1,4 +1,4 @@
-"""A guided measurement: what to touch next, what is taken, what is refused, and the session of it.
+"""A guided measurement: the next target, readings, refusals, and the session.
 
 See the package's docstring for how a face drives it.
 """
@@ -23,18 +23,21 @@ from armd.daemon.measure.so_far.following import Following
 from armd.daemon.measure.so_far.progress import Progress
 from armd.errors import BadInput
 
-#: Readings that `state` lists, the last ones.
+#: `state` lists the last readings, at most so many.
 LISTED = 200
 
 
 class Measuring(Closing):
-    """All methods may be called from any thread. Close it, or use it in a `with`."""
+    """A guided measurement; any thread may call its methods.
+
+    Close it, or use it in a `with`.
+    """
 
     def __init__(self, folder: Path, plan: Plan, in_use: MeasuredWith) -> None:
-        """Begin in *folder*, or go on there after an interruption.
+        """Begin in *folder*, or continue there after an interruption.
 
-        Raises `BadInput` for a folder that holds another session, one that another process
-        measures into, or one begun with another plan, arm or (kinds that judge it) calibration.
+        Raises `BadInput` for a folder that holds another session, one that another process measures
+        into, or one begun with another plan, arm or (kinds that judge it) calibration.
         """
         self.folder, self.plan, self.in_use = folder, plan, in_use
         self._mutex = threading.RLock()
@@ -58,15 +61,18 @@ class Measuring(Closing):
 
     @classmethod
     def resume(cls, folder: Path, in_use: MeasuredWith) -> Self:
-        """Go on with what *folder* holds; raises `BadInput` where no measurement was begun."""
+        """Continue the measurement in *folder*; raises `BadInput` if there is none."""
         header = load_beginning(folder)
         if header is None:
             raise BadInput(folder, "the folder", f"no {NAME}", "one that `armd measure` began")
         return cls(folder, parse_plan(str(folder / NAME), header.get("plan")), in_use)
 
     def offer(self, measurement: Mapping[str, Any]) -> dict[str, Any]:
-        """A measurement as published: taken as the next reading, or refused. On the disk when this
-        returns. The answer has `event`: "reading" or "refused", and `text`."""
+        """Take a measurement as published as the next reading, or refuse it.
+
+        It is on the disk when this returns. The answer has `event`: "reading" or "refused", and
+        `text`.
+        """
         with self._mutex:
             measurement = _as_plain_json(measurement)
             station = self._progress.next_station
@@ -102,7 +108,10 @@ class Measuring(Closing):
             }
 
     def delete_last(self) -> dict[str, Any]:
-        """The last reading goes; its station is the next. `event`: "deleted" or "nothing"."""
+        """Delete the last reading; its station is the next.
+
+        `event`: "deleted" or "nothing".
+        """
         with self._mutex:
             if not self._progress.readings:
                 return {"event": "nothing", "text": "there is no reading to delete"}
@@ -112,7 +121,7 @@ class Measuring(Closing):
             return {"event": "deleted", "number": gone.number, "text": text, **self._counts()}
 
     def again(self) -> dict[str, Any]:
-        """The last target once more, beyond the plan. `event`: "again" or "nothing"."""
+        """Repeat the last target, beyond the plan. `event`: "again" or "nothing"."""
         with self._mutex:
             if not self._progress.readings:
                 return {"event": "nothing", "text": "there is no reading to repeat"}
@@ -121,7 +130,7 @@ class Measuring(Closing):
             return {"event": "again", "target": target, "text": f"{target} once more"}
 
     def skip(self) -> dict[str, Any]:
-        """The next station is left out: it cannot be reached. `event`: "skipped" or "nothing"."""
+        """Skip the next station, which cannot be reached. `event`: "skipped" or "nothing"."""
         with self._mutex:
             station = self._progress.next_index
             if station is None:
@@ -131,8 +140,10 @@ class Measuring(Closing):
             return {"event": "skipped", "target": target, "text": f"{target} left out"}
 
     def set_artefact_c(self, artefact_c: float | None) -> dict[str, Any]:
-        """°C of the artefact, as a person read it; goes with the readings from then on. `event`:
-        "artefact_c"."""
+        """Set the artefact's temperature in °C, as a person read it.
+
+        Later readings get it. `event`: "artefact_c".
+        """
         with self._mutex:
             if artefact_c != self._progress.artefact_c:
                 self._happen({"what": "artefact_c", "artefact_c": artefact_c})
@@ -141,18 +152,20 @@ class Measuring(Closing):
 
     @property
     def complete(self) -> bool:
-        """Whether every station has its reading or is left out."""
+        """Whether every station has its reading or is skipped."""
         with self._mutex:
             return self._progress.next_station is None
 
     @property
     def progress(self) -> Progress:
-        """What was taken; from a thread of its own take it for a moment only."""
+        """The readings taken and the state; other threads must use it only for a moment."""
         return self._progress
 
     def state(self, tip_mm: Sequence[float] | F64 | None = None) -> dict[str, Any]:
-        """All that a face shows, as plain JSON data; *tip_mm* is where the tip is now, for the
-        distance to the target."""
+        """Return everything that a face shows, as plain JSON data.
+
+        *tip_mm* is the tip's present position, for the distance to the target.
+        """
         with self._mutex:
             progress = self._progress
             return {
@@ -179,27 +192,29 @@ class Measuring(Closing):
             }
 
     def distance_mm(self, tip_mm: Sequence[float] | F64) -> float | None:
-        """From the tip to the next target; None while nobody knows where that is."""
+        """Return the distance from the tip to the next target; None while that is unknown."""
         with self._mutex:
             return self._following.distance_mm(tip_mm)
 
     def finish(self) -> None:
-        """The session's folder once more of what was taken; raises `BadInput` if that is nothing.
-        `ending.commands` says what is to be made of it."""
+        """Write the session's folder again; raises `BadInput` without a reading.
+
+        `ending.list_commands` lists the commands that follow.
+        """
         with self._mutex:
             if not self._progress.readings:
                 raise BadInput(self.folder, "the session", "no reading", "one at least")
             self._write()
 
     def close(self) -> None:
-        """Nothing more is taken; the folder can be taken up again."""
+        """Take no more readings; the measurement can be resumed."""
         with self._mutex:
             self._log.close()
 
     # --- what happens ---------------------------------------------------------------------
 
     def _happen(self, entry: Entry) -> None:
-        """The log first: what the folder is made of is never lost."""
+        """Write an entry to the log, from which the folder can be rebuilt, then apply it."""
         self._log.append(entry)
         self._progress.apply(entry)
         if entry["what"] not in ("refused", "artefact_c"):
@@ -219,7 +234,7 @@ class Measuring(Closing):
         return progress
 
     def _check_same(self, header: Mapping[str, Any]) -> None:
-        """A session goes on as it was begun."""
+        """Check that a resumed session has the same plan, arm and calibration."""
         path, then = self.folder / NAME, self._log.header
         judged = ("calibration", "tip", "tip_offset_mm") if self.plan.within_calibration else ()
         for key in ("plan", "arm", *judged):
@@ -230,7 +245,7 @@ class Measuring(Closing):
     def _judged(
         self, measurement: Mapping[str, Any], station: Station | None
     ) -> tuple[Refusal | None, dict[str, Any] | None]:
-        """A refusal, or the row that the measurement would be."""
+        """Return a refusal, or the row of the measurement."""
         try:
             surroundings = self._following.whereabouts, self._following.earlier
             refusal = judge(measurement, self.plan, self._progress, station, *surroundings)
@@ -282,7 +297,7 @@ class Measuring(Closing):
 
 
 def _as_plain_json(measurement: Mapping[str, Any]) -> Any:
-    """As JSON that Python and others read alike: what it cannot carry is told as text."""
+    """Return plain JSON data, which any reader accepts; other content becomes text."""
     try:
         return json.loads(json.dumps(dict(measurement), allow_nan=False))
     except (TypeError, ValueError):

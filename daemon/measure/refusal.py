@@ -1,4 +1,4 @@
-"""Whether a measurement is the reading that was asked for; if not, why, in words."""
+"""Decide whether a measurement is the requested reading, and describe why not."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from armd.daemon.measure.plan.stations import Plan, Station
 from armd.daemon.measure.so_far.progress import Progress
 from armd.daemon.measure.so_far.whereabouts import Whereabouts
 
-#: A joint that turned by less since the last reading was not moved: the button was pressed twice.
-#: A hand that takes the tip away and back moves some joint by far more, but for an arm that reaches
-#: a place in one posture alone.
+#: If all joints turned by less since the last reading, the button was pressed twice. A hand that
+#: moves the tip away and back turns some joint by far more, unless the arm reaches a place in only
+#: one posture.
 UNMOVED_RAD = 1e-4
-ONE_POSTURE = 3  # joints of such an arm
+ONE_POSTURE = 3  # at most so many joints of such an arm
 
 
 class Refusal(NamedTuple):
@@ -36,8 +36,11 @@ def judge(
     whereabouts: Whereabouts | None,
     earlier: Mapping[str, Whereabouts],
 ) -> Refusal | None:
-    """None: it is a reading of *station*. *whereabouts* is of the station's placement, *earlier* of
-    those before it, as long as nothing was measured in this one."""
+    """Return why a measurement is refused as a reading of *station*, or None.
+
+    *whereabouts* is that of the station's placement. *earlier* are those of the placements before,
+    as long as nothing was measured in this one.
+    """
     if station is None or whereabouts is None:
         return Refusal("complete", "everything is measured; ask for one more, or finish")
     if reason := explain_unfit(measurement):
@@ -55,7 +58,7 @@ def judge(
 def refuse_changed(
     measurement: Mapping[str, Any], plan: Plan, in_use: MeasuredWith
 ) -> Refusal | None:
-    """Where the arm is judged as it is calibrated, that must not change under way."""
+    """Refuse a reading if calibration or tip changed, for kinds that judge the calibrated arm."""
     if not plan.within_calibration:
         return None
     for key, then in (("calibration", in_use.identity), ("tip", in_use.tip)):
@@ -68,7 +71,7 @@ def refuse_changed(
 
 
 def _require_numbers(measurement: Mapping[str, Any]) -> None:
-    """What a reading is made of; raises `KeyError`, `TypeError` or `ValueError`."""
+    """Check the numbers of a reading; raises `KeyError`, `TypeError` or `ValueError`."""
     for name, count in (("position_mm", 3), ("orientation", 4), ("angles_rad", None)):
         values = [float(value) for value in measurement[name]]
         if (count is not None and len(values) != count) or not all(map(math.isfinite, values)):
@@ -106,8 +109,11 @@ def _refuse_already_taken(
 
 
 def _has_come_back(measurement: Mapping[str, Any], last: Mapping[str, Any], plan: Plan) -> bool:
-    """To the only posture, or the one that is visited: whether the tip was moved since the last
-    reading (older daemons do not say)."""
+    """Return whether the tip was moved and returned since the last reading.
+
+    This applies to an arm with only one posture, and to visits in the first posture. Older daemons
+    do not report it.
+    """
     one_posture = len(measurement["angles_rad"]) <= ONE_POSTURE or plan.kind == "repeatability"
     if not one_posture or "still_s" not in measurement:
         return False
@@ -118,7 +124,7 @@ def _has_come_back(measurement: Mapping[str, Any], last: Mapping[str, Any], plan
 def _refuse_not_moved(
     measurement: Mapping[str, Any], plan: Plan, earlier: Mapping[str, Whereabouts]
 ) -> Refusal | None:
-    """In a new placement: the artefact must not stand where it stood."""
+    """Refuse a reading in a new placement if the artefact is still in an earlier one."""
     point = np.array(measurement["position_mm"], dtype=float)
     for placement, whereabouts in earlier.items():
         if target := whereabouts.find_target(point, plan.near_mm):
@@ -134,8 +140,10 @@ def _refuse_elsewhere(
     station: Station,
     whereabouts: Whereabouts,
 ) -> Refusal | None:
-    """Not where its target must be, as far as that is known. Which of two readings is the wrong one
-    no distance tells; a press that comes to the same place twice does."""
+    """Refuse a reading that is not at its target's position, as far as that is known.
+
+    A distance cannot show which of two readings is wrong; a second press at the same place can.
+    """
     point = np.array(measurement["position_mm"], dtype=float)
     target, near_mm = station.target, plan.near_mm
     expected = whereabouts.get_position(target)
@@ -170,11 +178,11 @@ def _describe_whose_fault(
     target: str,
     whereabouts: Whereabouts,
 ) -> str:
-    """What to do about it: the earlier reading that may be the wrong one, or is."""
+    """Describe the earlier reading that may be the wrong one, or is."""
     point = np.array(measurement["position_mm"], dtype=float)
     suspects = whereabouts.culprits(target, point, plan.near_mm)
     if not suspects and whereabouts.is_measured(target):
-        suspects = [target]  # a seat, or a ball of rounds before
+        suspects = [target]  # a seat, or a ball of earlier rounds
     if not suspects:
         return ""
     names = " or ".join(suspects)
@@ -184,7 +192,7 @@ def _describe_whose_fault(
 
 
 def _is_pressed_twice(measurement: Mapping[str, Any], plan: Plan, progress: Progress) -> bool:
-    """Whether the press before was refused at the same place, and the arm moved between them."""
+    """Return whether the press before was refused at this place, and the arm moved since."""
     stray = progress.stray
     return stray is not None and (
         math.dist(measurement["position_mm"], stray["position_mm"]) <= plan.near_mm
@@ -193,6 +201,6 @@ def _is_pressed_twice(measurement: Mapping[str, Any], plan: Plan, progress: Prog
 
 
 def _measure_turned_rad(first: Mapping[str, Any], second: Mapping[str, Any]) -> float:
-    """The farthest that a joint turned between two measurements."""
+    """Return the largest rotation of a joint between two measurements."""
     pairs = zip(first["angles_rad"], second["angles_rad"], strict=True)
     return max(abs(float(a) - float(b)) for a, b in pairs)

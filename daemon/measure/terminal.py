@@ -1,4 +1,4 @@
-"""The terminal's face of guided measuring: lines for a person, or JSON for a program."""
+"""Guided measuring in the terminal: lines for a person, or JSON for a program."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ from armd.terminal.counted import format_count
 
 POLL_S = 0.02
 REFRESH_S = 0.1
-#: Every so many readings it is asked what `armd calibrate` would make of them.
+#: After this many readings the calibration is estimated again.
 ESTIMATE_EVERY = 10
 KEYS = "Enter after: d delete the last · a once more · s leave out · f finish · q stop for now"
 
 
 class Terminal:
-    """Runs until everything is measured, or a person or signal ends it."""
+    """The face in the terminal; it runs until everything is measured, or it is ended."""
 
     def __init__(self, arm: Arm, measuring: Measuring, trigger: str, as_json: bool) -> None:
-        """Only measurements taken at *trigger* count ("button" or "rest")."""
+        """Prepare the face; only measurements with this *trigger* ("button" or "rest") count."""
         self._arm = arm
         self._measuring = measuring
         self._trigger = trigger
@@ -53,16 +53,16 @@ class Terminal:
         self._estimating: threading.Thread | None = None
 
     def stop(self) -> None:
-        """From a signal handler: leave everything as it is."""
+        """Stop and leave everything unchanged; called from a signal handler."""
         self._stop = True
 
     def run(self, seconds: float | None) -> bool:
-        """Whether the measurement is to be finished; False: it was interrupted."""
+        """Measure; return whether the measurement is to be finished, or False if interrupted."""
         end_s = time.monotonic() + (seconds or float("inf"))
         hearing = Hearing(self._arm)
         with ExitStack() as opened:
             opened.enter_context(hearing.listening())
-            # New ones only: those of the past were not asked for.
+            # New measurements only; past ones do not belong to the session.
             opened.enter_context(self._arm.calling(keys.MEASUREMENT, self._heard.append))
             show = self._live(opened)
             points = opened.enter_context(self._arm.stream(keys.POINT)) if show else None
@@ -87,7 +87,7 @@ class Terminal:
         return self._finish or self._measuring.complete
 
     def report_command(self, done: Done) -> None:
-        """What a command at the end said."""
+        """Print the output of a command at the end."""
         if self._json:
             self._put({"event": "result", **done.__dict__})
             return
@@ -99,7 +99,7 @@ class Terminal:
         sys.stdout.flush()
 
     def close(self, finished: bool) -> None:
-        """The last line."""
+        """Print the last line."""
         state = self._measuring.state()
         counts = {name: state[name] for name in ("taken", "done", "wanted", "left_out")}
         if self._json:
@@ -127,7 +127,7 @@ class Terminal:
             hearing.offered(measurement)
 
     def _tell_of(self, hearing: Hearing) -> None:
-        """That the arm is silent; or that it is heard again, and what it measured meanwhile."""
+        """Report that the arm is silent, or is received again with missed measurements."""
         if hearing.silent:
             text = f"nothing heard of the arm for {SILENT_S:g} s: is armd running, is it reachable?"
             self._say({"event": "silent", "text": text})
@@ -141,7 +141,7 @@ class Terminal:
 
     def _offer(self, measurement: Mapping[str, Any]) -> None:
         if measurement.get("trigger") != self._trigger:
-            return  # a press in a rest that counts by itself: not a second reading
+            return  # a press during a rest that is a reading already
         self._waiting.over()
         outcome = self._measuring.offer(measurement)
         self._say(outcome)
@@ -149,7 +149,7 @@ class Terminal:
             self._estimate()
 
     def _words(self) -> list[str]:
-        """What was typed, whole lines; never waits."""
+        """Return the whole lines that were typed; never blocks."""
         if not self._stdin_open:
             return []
         try:
@@ -159,7 +159,7 @@ class Terminal:
                     self._stdin_open = False
                     break
                 self._typed += piece
-        except (OSError, ValueError):  # closed, or none at all
+        except (OSError, ValueError):  # closed or missing
             self._stdin_open = False
         *lines, self._typed = self._typed.split(b"\n")
         return [line.decode("utf-8", "replace").strip().lower() for line in lines]
@@ -225,7 +225,7 @@ class Terminal:
         )
 
     def _live(self, opened: ExitStack) -> Callable[[str], None] | None:
-        """A line that is written over again and again; None where nobody sees it."""
+        """Return a function that overwrites one line; None without a terminal."""
         if self._json or not self._console.is_terminal:
             return None
         live = opened.enter_context(Live(console=self._console, auto_refresh=False))
@@ -240,7 +240,10 @@ class Terminal:
         return f"{following['target']} in {following['placement']}: {away}"
 
     def _estimate(self) -> None:
-        """What `armd calibrate` would say, aside: it takes seconds, and no press waits for it."""
+        """Estimate the result of `armd calibrate` in a thread.
+
+        It takes seconds, and no press may wait for it.
+        """
         kind = self._measuring.plan.kind
         busy = self._estimating is not None and self._estimating.is_alive()
         if self._json or busy or kind not in ("seats", "artefact", "poses"):

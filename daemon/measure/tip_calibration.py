@@ -1,4 +1,4 @@
-"""A tip's calibration from a session: offset, radius, uncertainty, form, and a verdict on them."""
+"""Calibrate a tip from a session: offset, radius, uncertainty, form, and a verdict."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ OWN = "-"
 
 @dataclass(frozen=True)
 class TipCalibration:
-    """What `armd tip calibrate` found; lengths in mm."""
+    """The result of `armd tip calibrate`; lengths in mm."""
 
     serial: str
     name: str
@@ -37,8 +37,8 @@ class TipCalibration:
     before_mm: F64  # (3,) the offset that was in use
     started_unix_s: float
     session: Path
-    calibration: str | None  # SHA-256 of the file in force
-    doubts: tuple[str, ...]  # empty: it is good
+    calibration: str | None  # SHA-256 of the active file
+    doubts: tuple[str, ...]  # empty: the verdict is good
 
     @property
     def verdict(self) -> str:
@@ -61,10 +61,10 @@ class TipCalibration:
 def calibrate_tip(
     folder: Path, name: str | None, sphere_mm: float | None, limit_mm: float, form_mm: float
 ) -> TipCalibration:
-    """From the session that `armd measure tip` wrote into *folder*.
+    """Calibrate a tip from the session that `armd measure tip` wrote into *folder*.
 
-    The offset's expanded uncertainty (k = 2) has to lie within *limit_mm*, the form error within
-    *form_mm*. Raises `BadInput` for a session that does not tell the offset.
+    The offset's expanded uncertainty (k = 2) must be within *limit_mm*, the form error within
+    *form_mm*. Raises `BadInput` for a session that does not determine the offset.
     """
     header = load_beginning(folder) or {}
     plan = header.get("plan")
@@ -104,8 +104,10 @@ def calibrate_tip(
 def _collect_frames(
     session: Session, arm: Arm, calibration: LoadedCalibration | None
 ) -> tuple[F64, F64, F64]:
-    """Origins (n, 3) and rotations (n, 3, 3) of the last frame, and the tip's offset (3,) in use;
-    NaN where a temperature is missing."""
+    """Return origins (n, 3) and rotations (n, 3, 3) of the last frame.
+
+    Also returns the tip's offset (3,) in use. A reading without a temperature has NaN.
+    """
     model, states = Model(arm, calibration), session.states
     points = np.zeros(session.n, POINT)
     for i in np.argsort(states.time_s, kind="stable"):
@@ -139,8 +141,10 @@ def _list_doubts(fit: TipFit, limit_mm: float, form_mm: float) -> list[str]:
 def measure_moved_mm(
     calibration: TipCalibration, last: dict[str, Any] | None
 ) -> tuple[float, float, str]:
-    """How far the offset moved, the expanded uncertainty (k = 2) of that, and since when: the last
-    calibration of this tip, else what is in use."""
+    """Return the offset's shift, its expanded uncertainty (k = 2), and since when.
+
+    The shift is from the last calibration of this tip, else from the offset in use.
+    """
     variance = float(np.trace(calibration.fit.covariance_mm2))
     before, since = calibration.before_mm, "what was in use"
     if last is not None:

@@ -1,4 +1,4 @@
-"""A person who waits is told what for: nothing was pressed for so long."""
+"""Remind a person who waits that no press or rest has come for a time."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ TEXTS = {
 
 
 class Waiting:
-    """Ask `due` again and again."""
+    """The wait for a press or a rest; call `take_reminder` repeatedly."""
 
     def __init__(self, trigger: str, clock_s: Callable[[], float] = time.monotonic) -> None:
-        """*trigger*: "button" or "rest", whichever is waited for."""
+        """Begin a wait; *trigger* is "button" or "rest"."""
         self._text = TEXTS.get(trigger, TEXTS["button"]).format(s=PATIENCE_S)
         self._clock_s = clock_s
         self.over()
 
     def over(self) -> None:
-        """What was waited for has come; the next wait begins."""
+        """End the wait, because the press or rest has come, and begin the next one."""
         self._since_s = self._clock_s()
         self._is_reminded = False
 
     def take_reminder(self) -> str:
-        """What is to be said now, once a wait; "" for nothing."""
+        """Return the reminder that is due, once in a wait; "" for none."""
         if self._is_reminded or self._clock_s() - self._since_s < PATIENCE_S:
             return ""
         self._is_reminded = True

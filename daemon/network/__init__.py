@@ -1,1 +1,1 @@
-"""What leaves the daemon and what is asked of it, over Zenoh."""
+"""The daemon's published data and its answers to queries, over Zenoh."""

@@ -1,10 +1,10 @@
-"""The questions the daemon answers over Zenoh: info, health, the past of its streams, commands.
+"""Answer queries over Zenoh: info, health, the past of the streams, commands.
 
-Whoever may look may ask, as often as he likes: what only tells is told by threads beside the
-stream, at their own pace, and what the measuring thread must answer itself waits for its tick, a
-few at a time. Questions wait in rings of Zenoh's; of more than a ring holds the oldest are dropped
-there, which ends them without an answer. Whether a reply waits for its reader is for the question
-to say: Zenoh 1.10 takes no word of ours on it.
+Every client with read access may query as often as it likes. Threads beside the stream answer
+queries that only read, at a limited rate. Queries that the measuring thread must answer wait for
+its tick, a few at a time. Queries wait in Zenoh's rings; of more than a ring holds, the oldest are
+dropped there and end without an answer. The query decides whether a reply waits for its reader:
+Zenoh 1.10 ignores our setting.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from armd.drivers.sample import RawFrame
 QueryHandler = Callable[[zenoh.Parameters, Respond], None]
 """Begins one command with its parameters, and answers when it is done or refused."""
 
-#: Questions of one kind that wait for their answer.
+#: Queries of one kind that may wait for their answer.
 RING = 32
-#: Of one kind, answered at once: in a look of a thread, or on a tick of the daemon.
+#: Queries of one kind that are answered in one pass of a thread, or on a tick of the daemon.
 AT_ONCE = 4
 LOOK_S = 0.02
-#: So long at most between two looks while nobody asks: each costs as much as some samples.
+#: Longest time between two passes without queries: each pass costs as much as some samples.
 IDLE_LOOK_S = 0.1
-#: A thread that answers rests so many times as long as it worked: the stream has the processor.
+#: An answering thread pauses for so many times its work, so that the stream has the processor.
 REST = 4.0
-#: Replies of one answer that leave without a pause, so that a reader keeps up with them.
+#: Replies of one answer that are sent without a pause, so that a reader can keep up.
 BURST, PAUSE_S = 50, 0.005
 
 _Tell = Callable[[zenoh.Query], None]
@@ -46,7 +46,7 @@ _Queryable = zenoh.Queryable[handlers.Handler[zenoh.Query]]
 
 
 class Queries:
-    """Declares the queryables of one arm; `answer` is called by the measuring thread."""
+    """The queryables of one arm; the measuring thread calls `answer`."""
 
     def __init__(
         self,
@@ -58,8 +58,11 @@ class Queries:
         commands: Mapping[str, QueryHandler] | None,
         unexpected: Unexpected,
     ) -> None:
-        """*texts_by_key*: by key, what is asked for in another thread; *commands* None: every
-        command is refused."""
+        """Declare the queryables.
+
+        *texts_by_key* maps a key to the function of its answer, called in another thread.
+        *commands* None: every command is refused.
+        """
         self._publisher = publisher
         self._unexpected = unexpected
         self._preamble = preamble
@@ -82,7 +85,7 @@ class Queries:
         ]
 
     def answer(self) -> None:
-        """Answer a few of the questions that only the measuring thread can answer."""
+        """Answer a few of the queries that only the measuring thread can answer."""
         _answer_some(self._declared, self._unexpected)
 
     def close(self) -> None:
@@ -90,7 +93,7 @@ class Queries:
             teller.stop()
 
     def _tell_preamble(self, query: zenoh.Query) -> None:
-        """For a recorder: what stands before the next raw frame."""
+        """Send a recorder the frames that belong before the next raw frame."""
         following = self._publisher.next_raw_frame
         payloads = [raw.pack(following, frame) for frame in self._preamble()]
         encoded = [base64.b64encode(payload).decode() for payload in payloads]
@@ -118,7 +121,7 @@ class Queries:
 
 
 class _Teller:
-    """A thread that answers questions which everybody may ask."""
+    """A thread that answers queries which only read."""
 
     def __init__(
         self, queryables: Iterable[tuple[_Queryable, _Tell]], unexpected: Unexpected
@@ -146,13 +149,15 @@ def _declare(session: zenoh.Session, key: str, tell: _Tell) -> tuple[_Queryable,
 
 
 def _answer_some(queryables: Iterable[tuple[_Queryable, _Tell]], unexpected: Unexpected) -> bool:
-    """Whether anybody asked. One question that cannot be answered does not keep the others from
-    their answers."""
+    """Answer some queries; return whether there were any.
+
+    A query that cannot be answered does not prevent the answers to others.
+    """
     is_asked = False
     for queryable, tell in queryables:
         for _ in range(AT_ONCE):
             with unexpected.survive("questions"), suppress(zenoh.ZError):
-                # ZError: whoever asked is gone, or the session is closed
+                # ZError: the client is gone, or the session is closed
                 query = queryable.try_recv()
                 if query is None:
                     break

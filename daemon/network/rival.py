@@ -1,4 +1,4 @@
-"""Another daemon that publishes under the same serial number: told, as both arms' points mix."""
+"""Detect another daemon with the same serial number, because both arms' points mix."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import zenoh
 from armd import keys
 from armd.drivers.sample import Event
 
-#: How often a daemon says that it is there; a rival silent for so long is told of anew.
+#: Period of a daemon's sign of life; a rival that was silent for the longer time is reported again.
 SPEAK_NS, SILENT_NS = 1_000_000_000, 5_000_000_000
 
 
 class RivalWatch:
-    """Says that this daemon is there, and hears whether another does under its serial number.
+    """Publishes this daemon's sign of life, and detects another under its serial number.
 
-    On a key of its own: it is the one on which the daemon's session lets others speak
-    (daemon/network/session.py), and whoever forges it gains an alarm.
+    It uses a separate key, the only one on which the daemon's session accepts data from others
+    (daemon/network/session.py). A client that forges it can only cause this alarm.
     """
 
     def __init__(self, session: zenoh.Session, serial: str) -> None:
@@ -35,7 +35,7 @@ class RivalWatch:
         self._heard_ns: int | None = None
 
     def look(self, now_ns: int) -> list[Event]:
-        """Asked now and then: one event for each time that a rival shows up."""
+        """Return an event each time that a rival appears; call it now and then."""
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + SPEAK_NS
             self._publisher.put(b"")

@@ -1,4 +1,4 @@
-"""A Zenoh session as the configuration says, and no wider."""
+"""Open a Zenoh session with only the access that the configuration allows."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from armd.errors import BadInput
 LEASE_MS = 4000
 CLOSE_S = 1.5
 #: Batches of 64 kB that may wait for one subscriber: six seconds of points at 1 kHz. With Zenoh's
-#: own two, a subscriber that the system lets stand for half a second loses points.
+#: default of two, a subscriber that gets no processor for half a second loses points.
 WAITING_BATCHES = 16
-#: Nobody sends the daemon more than a question; Zenoh itself would take in a gigabyte.
+#: Clients send the daemon only short queries; Zenoh's default limit is a gigabyte.
 MOST_RECEIVED_BYTES = 1 << 16
-#: Who connects must say so within this, and so many may be about to: with Zenoh's own 10 s and 100,
-#: a hundred silent connections keep everybody else out for ten seconds.
+#: Time limit of a handshake, and connections that may be in it: with Zenoh's defaults of 10 s and
+#: 100, a hundred silent connections block all others for ten seconds.
 ACCEPT_MS, ACCEPTING = 2000, 500
-#: All keys on which anything passes. `**` matches no chunk that begins with @, and nothing matches
-#: all that do: so those in use are named, and others are neither heard nor passed on.
+#: All keys that are allowed. `**` matches no chunk that begins with @, and no pattern matches all
+#: that do. So those in use are listed; others are neither received nor forwarded.
 KEYS = ["**", "**/@raw", "**/@raw/**", "**/@daemon", "**/@adv/**", "@/**"]
-#: The daemon alone speaks: others may ask and listen. Whatever else comes in is dropped there, on
-#: every key, as `**` would reach the arm's too; but for the key for rivals (rival.py).
+#: Only the daemon may publish; others may query and subscribe. All other incoming messages are
+#: dropped on every key, as `**` would include the arm's, except the key for rivals (rival.py).
 ONLY_THE_DAEMON_SPEAKS = {
     "enabled": True,
     "default_permission": "deny",
@@ -74,16 +74,16 @@ ONLY_THE_DAEMON_SPEAKS = {
     "policies": [{"rules": ["listen", "rival", "speak"], "subjects": ["everybody"]}],
 }
 UNIX_SOCKET = "unixsock-stream/"
-SOCKET_MODE = 0o660  # the daemon's user and group: who may connect
+SOCKET_MODE = 0o660  # the daemon's user and group may connect
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 
 
 @contextmanager
 def open_zenoh_session(config: Config) -> Iterator[zenoh.Session]:
-    """`open_session`, closed at the end within `CLOSE_S`.
+    """Open a session as `open_session`, and close it at the end within `CLOSE_S`.
 
-    A subscriber that stands still holds up Zenoh's own close for ten seconds. The end of the
-    process closes the sockets as well, and everybody else sees its token go just so.
+    A subscriber that does not respond delays Zenoh's own close for ten seconds. The end of the
+    process closes the sockets too, and other clients see the token disappear in the same way.
     """
     session = open_session(config)
     try:

@@ -1,4 +1,4 @@
-"""A python-can bus with its measured traps closed, and canopen on it without a Notifier."""
+"""A python-can bus with workarounds for its faults, and canopen on it without a Notifier."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from armd.drivers.config import CanConfig
 from armd.drivers.host_time import HostTime
 from armd.drivers.sample import RawFrame
 
-#: Where python-can's own defaults do not suit us; all others are asked for own messages.
+#: Replacements of python-can's defaults; all other interfaces must return own messages.
 BETTER_DEFAULTS: dict[str, dict[str, Any]] = {
     "slcan": {"sleep_after_open": 0.0},  # not 2 s
     "socketcand": {"tcp_tune": True},  # no 40 ms of Nagle
     "udp_multicast": {"hop_limit": 0},  # does not leave this machine; own messages come anyway
 }
-#: The longest that a socketcand may take for an answer, or an adapter to take what we send.
+#: The longest time for an answer of socketcand, and for an adapter to accept a frame.
 ANSWER_S = 0.5
 TAKES_S = 0.2
-#: So many frames in a row that make no sense: not the frames are broken but the bus.
+#: After this many invalid frames in a row, the bus counts as broken.
 GARBLED_MOST = 32
 STANDARD_MOST, EXTENDED_MOST = 0x7FF, 0x1FFF_FFFF  # identifiers
 
@@ -38,11 +38,11 @@ logging.getLogger("can").addHandler(logging.NullHandler())  # faults become even
 
 
 class BusFault(Exception):
-    """The bus cannot be opened or has broken; it is to be built anew."""
+    """The bus cannot be opened or has broken; it must be rebuilt."""
 
 
 def open_bus(config: CanConfig) -> can.BusABC:
-    """Blocking. Raises `BusFault` with the reason."""
+    """Open the bus; blocks. Raises `BusFault` with the reason."""
     options: dict[str, Any] = dict(config.model_extra or {})
     if config.channel is not None:
         options["channel"] = config.channel
@@ -62,14 +62,16 @@ def open_bus(config: CanConfig) -> can.BusABC:
 
 
 def _say(error: Exception) -> str:
-    """One line: python-can puts whole tracebacks into its messages."""
+    """Return the error in one line: python-can puts whole tracebacks into its messages."""
     return f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
 
 
 class PromptSocketcand(SocketCanDaemonBus):
-    """python-can's own, but nothing is waited for longer than `ANSWER_S`: neither a server that
-    is not there (python-can tries for 10 s at a full core), nor one that accepts and is silent,
-    nor, later, one that takes nothing more."""
+    """python-can's socketcand with a time-out of `ANSWER_S`.
+
+    It bounds the connection to an absent server (python-can tries for 10 s at a full core), the
+    wait for an answer, and later a server that accepts no more frames.
+    """
 
     def __init__(self, channel: str, host: str, port: int, **options: Any) -> None:
         with socket.create_connection((host, port), timeout=ANSWER_S):
@@ -87,7 +89,7 @@ class PromptSocketcand(SocketCanDaemonBus):
 
 
 class OwnNetwork(canopen.Network):  # type: ignore[misc]
-    """canopen's network, received for by the driver's loop; whatever is sent is recorded."""
+    """canopen's network whose frames the driver's loop receives; sent frames are recorded."""
 
     def __init__(self, bus: can.BusABC, host_time: HostTime) -> None:
         super().__init__(bus)
@@ -97,14 +99,16 @@ class OwnNetwork(canopen.Network):  # type: ignore[misc]
         self.sent: deque[RawFrame] = deque()
         self.send_faults = 0
         self.garbled = 0
-        # Others return at once without one; slcan would wait for ever.
+        # Other interfaces return at once without a time-out; slcan would wait for ever.
         self._send_s = TAKES_S if isinstance(bus, slcanBus) else None
         self._garbled_in_a_row = 0
         self._stuck: str | None = None  # why nothing more can be sent
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """From the loop and from a configuring job alike. A frame that the interface does not
-        take is counted; that nobody answers shows by itself."""
+        """Send a frame; both the loop and a configuring job call this.
+
+        A frame that the interface does not take is counted. A missing answer is noticed elsewhere.
+        """
         message = can.Message(
             arbitration_id=can_id, data=data, is_remote_frame=remote, is_extended_id=False
         )
@@ -124,11 +128,11 @@ class OwnNetwork(canopen.Network):  # type: ignore[misc]
         self.send_message(SYNC_ID, b"")
 
     def receive(self, timeout_s: float) -> RawFrame | None:
-        """The next frame; None after *timeout_s* without one. Raises `BusFault`.
+        """Return the next frame, or None after *timeout_s* without one. Raises `BusFault`.
 
-        python-can parses what an adapter or a server says without checking it first, so a cut
-        line raises whatever it trips over: `IndexError`, `ValueError`, `KeyError`, … Such a frame
-        is counted and passed over. What goes on raising is no frame but a broken bus.
+        python-can parses the text of an adapter or a server without checking it first. So a damaged
+        line raises any error: `IndexError`, `ValueError`, `KeyError`, … Such a frame is counted and
+        skipped. `GARBLED_MOST` of them in a row mean that the bus is broken.
         """
         if self._stuck is not None:
             raise BusFault(self._stuck)
@@ -141,7 +145,7 @@ class OwnNetwork(canopen.Network):  # type: ignore[misc]
             )
             if isinstance(error, can.CanError | OSError) and not poisoned:
                 raise BusFault(_say(error)) from error
-            if isinstance(self._bus, slcanBus):  # `flush` would drop the lines that wait as well
+            if isinstance(self._bus, slcanBus):  # `flush` would also drop the lines that wait
                 self._bus._buffer.clear()
             self._note_garbled(_say(error))
             return None
@@ -174,6 +178,6 @@ class OwnNetwork(canopen.Network):  # type: ignore[misc]
             )
 
     def close(self) -> None:
-        """What is broken need not be closed well. A job that still sends counts a fault."""
+        """Close the bus, and ignore its errors. A job that still sends counts a fault."""
         with suppress(Exception):
             self._bus.shutdown()

@@ -1,7 +1,7 @@
-"""Raw CAN frames → samples, temperatures and events. No bus, no clock, no SDO.
+"""Decodes raw CAN frames to samples, temperatures and events, without bus, clock or SDO.
 
-What the configuring side finds out comes in as notes, frames of direction "link" that are
-recorded like all others, so a recording replays to the same samples.
+The results of configuring a node come in as notes. These are frames of direction "link", recorded
+like all others, so a recording replays to the same samples.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ COUNTED = ("malformed", "unknown", "error_frames", "foreign_sync")
 
 
 def encode_note(**fields: Any) -> bytes:
-    """Data of a "link" frame: {"note": "up", "down", "configured", "refused", …}."""
+    """Encode a note as data of a "link" frame: {"note": "up", "down", "configured", …}."""
     return json.dumps(fields).encode()
 
 
 class CanDecoder:
-    """Feed it every `RawFrame` of a bus in order, sent ones too (they carry the SYNC times)."""
+    """Decodes every `RawFrame` of a bus in order, sent ones too: they carry the SYNC times."""
 
     def __init__(
         self,
@@ -38,8 +38,8 @@ class CanDecoder:
         rate_hz: float,
         max_joint_rate_deg_s: float = MAX_JOINT_RATE_DEG_S,
     ) -> None:
-        self.last_sample_ns: int | None = None  # arrivals, host monotonic
-        self.last_heard_ns: int | None = None  # of any frame of one of our nodes
+        self.last_sample_ns: int | None = None  # arrival, host monotonic
+        self.last_heard_ns: int | None = None  # arrival of any frame of one of our nodes
         self._expected = expectation
         self._period_ns = round(1e9 / rate_hz)
         joints = range(1, expectation.n_joints + 1)
@@ -52,21 +52,21 @@ class CanDecoder:
         self._assembler = CycleAssembler()
         self._sampler = CycleSampler(self._joints, max_joint_rate_deg_s)
         self._sync_time = SyncTime()
-        self._number = -1  # of the present cycle
+        self._number = -1  # number of the present cycle
         self._last_sync_ns: int | None = None
         self._foreign = False
         self._bus_was_down = False
-        self._await_all = True  # a connection begins with all joints, or we learn which is missing
-        self._heard = False  # any node, since the last SYNC
+        self._await_all = True  # a connection begins with all joints, or with a known missing one
+        self._heard = False  # any node has sent something since the last SYNC
         self._settings: dict[int, RawFrame] = {}  # the last note on each configured node
         self._alarms: dict[int, RawFrame] = {}  # the last note on each node's alarms since then
         self._warmth: dict[tuple[int, int], RawFrame] = {}  # the last of each temperature PDO
-        self._limited: dict[int, str] = {}  # what is told of encoders that lack an object
+        self._limited: dict[int, str] = {}  # the last event about each encoder that lacks an object
         self._counted: Counter[str] = Counter()
 
     @property
     def counters(self) -> dict[str, int]:
-        """Cycles delivered, and each kind of frame or cycle that was not."""
+        """The number of cycles delivered, and of each kind of frame or cycle not delivered."""
         return {name: self._counted[name] for name in COUNTED} | {
             "samples": self._sampler.delivered,
             "lost": self._sampler.lost,
@@ -77,19 +77,19 @@ class CanDecoder:
 
     @property
     def accepted(self) -> bool:
-        """Every joint has been configured at least once, and no arm but ours has been found."""
+        """Whether every joint has been configured at least once, and no foreign arm was found."""
         return self._sampler.ready and not self._foreign
 
     def warm_up(self) -> None:
-        """Compile, or load from the cache: before the first sample, not while it waits."""
+        """Compile the decoder, or load it from the cache, before the first sample arrives."""
         load_compiled()
 
     def may_sync(self, now_ns: int) -> bool:
-        """Whether a SYNC now leaves no doubt which answers are its own."""
+        """Return whether every answer to a SYNC sent now will be known to be its own."""
         return self._assembler.may_sync(now_ns)
 
     def preamble(self) -> list[RawFrame]:
-        """What a fresh decoder must be fed to go on from here: number, nodes, temperatures."""
+        """Return the frames from which a fresh decoder continues: number, nodes, temperatures."""
         settings = list(self._settings.values())
         if not settings:
             return []
@@ -103,7 +103,7 @@ class CanDecoder:
         return [settings[0]._replace(data=number), *settings, *answers]
 
     def feed(self, frame: RawFrame) -> list[Item]:
-        """What *frame* completes, in the order of the bus."""
+        """Decode *frame*; return the items that it completes, in the order of the bus."""
         if frame.direction == "link":
             return self._take_note(json.loads(frame.data), frame)
         message = can.CanFrame.from_bytes(frame.data)
@@ -122,7 +122,7 @@ class CanDecoder:
         if identifier & can.ERROR:
             self._counted["error_frames"] += 1
             return []
-        if identifier > 0x7FF:  # extended or remote: no word of ours
+        if identifier > 0x7FF:  # extended or remote: armd uses none
             self._counted["unknown"] += 1
             return []
         number, function = identifier & 0x7F, identifier & ~0x7F
@@ -147,13 +147,13 @@ class CanDecoder:
             self._counted["malformed"] += 1
             return []
         code, register = can.EMCY.unpack(data)
-        if code == 0:  # error reset: the configuration that follows takes the node back
+        if code == 0:  # error reset: the configuration that follows restores the node
             return []
         fault = node.fail(f"emergency {code:#06x}, error register {register:#04x}")
         return self._failed(node, fault, now_ns)
 
     def _process_data(self, node: Node, pdo: int, data: bytes, frame: RawFrame) -> list[Item]:
-        if node.wants_configuration:  # by whose mapping?
+        if node.wants_configuration:  # its mapping is not known
             return []
         if node.number in can.TEMPERATURE_NODES:
             return self._temperature_data(node, pdo, data, frame)
@@ -185,7 +185,7 @@ class CanDecoder:
     # --- cycles ----------------------------------------------------------------------------
 
     def _reporting(self) -> frozenset[int]:
-        """Joints that a cycle must hold: at first all of them, later those that are well."""
+        """Return the joints that a cycle must hold: at first all, later those that report."""
         if self._await_all:
             return frozenset(node.number for node in self._joints)
         return frozenset(node.number for node in self._joints if node.reporting)
@@ -204,11 +204,11 @@ class CanDecoder:
         since_ns = now_ns - (self._last_sync_ns or now_ns)
         self._last_sync_ns = now_ns
         self._number += 1
-        if self._bus_was_down:  # cycles that nobody latched
+        if self._bus_was_down:  # count the cycles that nobody latched
             self._number += round(since_ns / self._period_ns)
         self._bus_was_down = False
-        # When this process was held up, what the nodes said meanwhile is still to be read.
-        # And when nobody speaks, the bus is silent, not one node after the other.
+        # If this process was held up, frames of the nodes still wait to be read. And if no node
+        # sends, the fault is that of the bus, not of each node.
         elapsed_ns = min(since_ns, LATE_MOST_NS) if self._heard else 0
         self._heard = False
         if self.accepted:
@@ -258,7 +258,7 @@ class CanDecoder:
                 for node in self.nodes.values():
                     node.bus_was_down()
                 return []
-            case "number":  # a recording begins in the middle
+            case "number":  # a recording begins within a connection
                 self._number, self._sync_time.echo = note["number"], note["echo"]
                 self._sampler.first_latch_ns = note["first_latch_ns"]
                 return []
@@ -268,13 +268,13 @@ class CanDecoder:
             case "refused":
                 self._foreign |= note["kind"] == "foreign_arm"
                 if self._sampler.delivered and note["node"] in self.nodes:
-                    self._await_all = False  # go on without it
+                    self._await_all = False  # continue without it
                 return [Event(note["kind"], note["text"], now_ns, "error", note["detail"])]
             case "warnings":
                 node = self.nodes[note["node"]]
                 node.warnings = note["warnings"]
                 return [news.report_warnings(node, now_ns)]
-            case "alarms":  # of an encoder whose process data have none
+            case "alarms":  # of an encoder whose PDO has no alarms
                 self._alarms[note["node"]] = frame
                 self.nodes[note["node"]].alarms = note["alarms"]
         return []
@@ -284,7 +284,7 @@ class CanDecoder:
         if node.number in can.TEMPERATURE_NODES:
             return []
         node.range_counts, node.counts_per_turn = note["range_counts"], note["counts_per_turn"]
-        # What older recordings lack is as every encoder had it.
+        # Older recordings lack the layout: then every encoder had the usual one.
         node.layout = can.EncoderLayout(*note.get("layout", can.ENCODER_LAYOUT))
         node.alarms = note.get("alarms") or 0
         self._alarms.pop(node.number, None)
@@ -297,7 +297,7 @@ class CanDecoder:
         return events
 
     def _limits(self, node: Node, note: dict[str, Any], now_ns: int) -> list[Event]:
-        """What cannot be checked of an encoder that lacks an object; once, until it is another."""
+        """Return an event of checks that an encoder cannot support; once, until they change."""
         nameless = "serial_number" in note and note["serial_number"] is None
         counts_told = note.get("counts_told", True)
         event = news.report_limits(node, nameless, counts_told, note.get("alarms"), now_ns)

@@ -1,7 +1,7 @@
-"""python-can waits with `select.select`, which raises for a descriptor over 1023.
+"""Lets python-can wait for descriptors over 1023, for which `select.select` raises.
 
-A daemon with many connections has such descriptors. The modules of a bus are given a `select` that
-then waits with `poll`, which counts in whole milliseconds and is therefore not taken otherwise.
+A daemon with many connections has such descriptors. The modules of a bus get a `select` that then
+waits with `poll`. `poll` counts whole milliseconds and is therefore used only then.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Waited = Sequence[HasDescriptor | int]
 def wait(
     readers: Waited, writers: Waited, failing: Waited, timeout_s: float | None = None
 ) -> tuple[list[Any], list[Any], list[Any]]:
-    """As `select.select`, for descriptors of any number. Raises `OSError`."""
+    """Wait like `select.select`, for descriptors of any number. Raises `OSError`."""
     if all(
         0 <= _number(descriptor) < MOST_OF_SELECT for descriptor in (*readers, *writers, *failing)
     ):
@@ -56,7 +56,7 @@ def wait(
 
 
 def remove_descriptor_limit(bus: can.BusABC) -> None:
-    """Let the modules that *bus* is made of wait for descriptors of any number."""
+    """Let the modules that define *bus* wait for descriptors of any number."""
     for kind in type(bus).__mro__:
         module = sys.modules.get(kind.__module__)
         if module is not None and getattr(module, "select", None) is select:

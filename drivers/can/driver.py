@@ -1,7 +1,8 @@
-"""The CAN driver: a bus that may vanish, around the decoder that never sees one.
+"""The CAN driver: opens and reads a bus that may vanish; the decoder never sees one.
 
-One loop receives, sends SYNC at absolute deadlines and looks after the nodes, all within `read`.
-What blocks (opening an interface, configuring a node by SDO) is a `Job` beside it, one at a time.
+One loop, within `read`, receives, sends SYNC at absolute deadlines and serves the nodes. Work that
+blocks (opening an interface, configuring a node by SDO) is a `Job` in a thread of its own, one at a
+time.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ from armd.drivers.identity import Expectation
 from armd.drivers.sample import Item
 from armd.drivers.shell import Shell
 
-RENEW_NS = 2_000_000_000  # a bus that stays silent is built anew this often
-BURST = 64  # frames received before SYNC and the nodes get their turn
-HELD_SYNC_NS = 1_000_000  # how often a SYNC that must wait is looked at again
-OPENING_MOST_NS = 3_000_000_000  # after this a person is told
-SLICE_S = 0.01  # the longest wait for a frame: a job may have ended meanwhile
+RENEW_NS = 2_000_000_000  # a bus that stays silent is rebuilt this often
+BURST = 64  # the most frames received before SYNC and the nodes are served
+HELD_SYNC_NS = 1_000_000  # how often a SYNC that must wait is checked again
+OPENING_MOST_NS = 3_000_000_000  # after this, an event is sent
+SLICE_S = 0.01  # the longest wait for a frame, because a job may end meanwhile
 
 
 class CanDriver(Shell[CanDecoder]):
-    """See `armd.drivers.sample.Driver`."""
+    """The driver of CANopen arms; see `armd.drivers.sample.Driver`."""
 
     def __init__(self, config: CanConfig, expectation: Expectation) -> None:
         decoder = CanDecoder(expectation, config.rate_hz, config.max_joint_rate_deg_s)
@@ -39,7 +40,7 @@ class CanDriver(Shell[CanDecoder]):
         self._setup = NodeSetup(expectation, config.rate_hz, config.encoder_serial_numbers)
         self._network: OwnNetwork | None = None
         self._opening: Job[can.BusABC] | None = None
-        self._send_faults = self._garbled = 0  # of networks that are closed
+        self._send_faults = self._garbled = 0  # counters of networks that are closed
         self._opening_since_ns = 0
         self._period_ns = round(1e9 / config.rate_hz)
         self._sync_due_ns = 0
@@ -75,13 +76,13 @@ class CanDriver(Shell[CanDecoder]):
     # --- one turn of the loop ----------------------------------------------------------------
 
     def _turn(self, network: OwnNetwork, deadline_ns: int) -> list[Item]:
-        """All frames that are there, what the nodes need, and SYNC if it is due."""
+        """Receive all waiting frames, serve the nodes, and send SYNC if it is due."""
         now_ns = time.monotonic_ns()
         items = self._look_after_nodes(network, now_ns)
         due_ns = min(deadline_ns, self._line.act_ns)
         if self._config.sync == "producer":
             due_ns = min(due_ns, max(self._sync_due_ns, now_ns + HELD_SYNC_NS))
-        received: list[Item] = []  # what came before a fault has come
+        received: list[Item] = []  # frames before a fault are still delivered
         broken: BusFault | None = None
         try:
             self._receive(network, (due_ns - now_ns) / 1e9, received)
@@ -98,9 +99,9 @@ class CanDriver(Shell[CanDecoder]):
         return items
 
     def _receive(self, network: OwnNetwork, timeout_s: float, items: list[Item]) -> None:
-        """Frames until there are none, then SYNC: so no answer waits unread when it goes out.
+        """Receive frames until there are none, then send SYNC: no answer waits unread then.
 
-        What they complete is added to *items*. Raises `BusFault`.
+        The completed items are added to *items*. Raises `BusFault`.
         """
         items += self._feed_sent(network)
         frame = network.receive(max(0.0, min(timeout_s, SLICE_S)))
@@ -108,7 +109,7 @@ class CanDriver(Shell[CanDecoder]):
             if frame is None:
                 self._sync_if_due(network)
                 break
-            items += self._feed_sent(network)  # what was sent before this came
+            items += self._feed_sent(network)  # frames sent before this one came
             items += self._take(frame)
             message = CanFrame.from_bytes(frame.data)
             if message.identifier & ~0x7F == SDO_REPLY_BASE:
@@ -174,7 +175,7 @@ class CanDriver(Shell[CanDecoder]):
 
 
 def _joined(items: list[Item]) -> list[Item]:
-    """Arrays that follow one another as one array."""
+    """Join arrays of samples that follow one another."""
     joined: list[Item] = []
     for item in items:
         if joined and isinstance(item, np.ndarray) and isinstance(joined[-1], np.ndarray):

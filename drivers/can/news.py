@@ -1,4 +1,4 @@
-"""What a person is told of a node: that it warns, has failed, is back."""
+"""Events about a node for the user: it warns, has failed, or is back."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from armd.drivers.sample import Event
 
 
 def report_warnings(node: Node, now_ns: int) -> Event:
-    """Its `warnings` have changed."""
+    """Return the event of changed `warnings` of *node*."""
     detail = {"joint": node.number, "warnings": node.warnings}
     if not node.warnings:
         return Event("joint_warning", f"{node.name} warns no more", now_ns, "info", detail)
@@ -21,8 +21,11 @@ def report_warnings(node: Node, now_ns: int) -> Event:
 def report_limits(
     node: Node, nameless: bool, counts_told: bool, alarms: int | None, now_ns: int
 ) -> Event:
-    """*node* is *nameless* without a serial number; *counts_told*: it says its counts per turn;
-    *alarms*: what it said when it was asked."""
+    """Return the event of the objects that an encoder lacks.
+
+    *nameless*: it has no serial number; *counts_told*: it reports its counts per turn; *alarms*:
+    its answer when it was asked for them by SDO.
+    """
     lacks = []
     if nameless:
         lacks.append("no serial number (1018:4): another encoder in its place goes unnoticed")
@@ -47,7 +50,7 @@ def report_failure(node: Node, fault: str, now_ns: int) -> Event:
 
 
 def report_recovery(node: Node, fault: str, now_ns: int) -> Event:
-    """It reports again after *fault*."""
+    """Return the event of a node that reports again after *fault*."""
     kind = "sensors_valid" if node.number in can.TEMPERATURE_NODES else "joint_valid"
     detail = {"node": node.number, "joint": node.number}
     text = f"{node.name} is configured again and reports ({fault})"

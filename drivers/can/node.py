@@ -1,4 +1,4 @@
-"""One node of the bus as the decoder sees it: is it to be believed, and if not, why?"""
+"""One node of the bus as the decoder sees it: its state, and its fault if it has one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import Enum
 from armd.drivers.can.objects import BOOT_UP, ENCODER_LAYOUT, OPERATIONAL, EncoderLayout
 
 HEARTBEAT_MS = 100
-PATIENCE_NS = 350_000_000  # without a heartbeat, or a joint's value: the node is lost
+PATIENCE_NS = 350_000_000  # a node without heartbeat or value for this long is lost
 
 
 class NodeState(Enum):
@@ -20,7 +20,7 @@ class NodeState(Enum):
 
 @dataclass(slots=True)
 class Node:
-    """Everything happens by the frames fed, so a replay sees the same."""
+    """The state of a node. Only the frames fed change it, so a replay sees the same."""
 
     number: int
     name: str  # "joint 3", "temperature module 0x20"
@@ -29,11 +29,11 @@ class Node:
     fault: str = ""
     range_counts: int = 0  # joints only
     counts_per_turn: int = 0
-    values_due: bool = True  # at every SYNC: joints
-    warnings: int = 0  # joints only: 6505
-    layout: EncoderLayout = ENCODER_LAYOUT  # joints only: of TPDO1
-    alarms: int = 0  # joints only: 6503, where the layout has none
-    _beating: bool = False  # heard since the configuration
+    values_due: bool = True  # a value is due at every SYNC: joints
+    warnings: int = 0  # joints only: object 6505
+    layout: EncoderLayout = ENCODER_LAYOUT  # joints only: layout of TPDO1
+    alarms: int = 0  # joints only: object 6503, where the layout has no alarms
+    _beating: bool = False  # a heartbeat came since the configuration
     _beat_age_ns: int = 0  # since the last heartbeat
     _value_age_ns: int = 0  # since the last process value
 
@@ -51,7 +51,7 @@ class Node:
         self._beat_age_ns = self._value_age_ns = 0
 
     def reported(self) -> bool:
-        """A process value arrived; True if with it the node is taken (back) into service."""
+        """Record a process value; return True if the node is thereby in service (again)."""
         self._value_age_ns = 0
         if self.state is not NodeState.READY or not self._beating:
             return False
@@ -59,18 +59,18 @@ class Node:
         return True
 
     def heartbeat(self, nmt_state: int) -> str | None:
-        """Returns what is wrong, if something new is."""
+        """Record a heartbeat; return a new fault, if there is one."""
         self._beat_age_ns = 0
         self._beating = nmt_state == OPERATIONAL
         if self._beating or self.wants_configuration:
             return None
-        # The first heartbeat after the start command may still tell the state before it.
+        # The first heartbeat after the start command may still carry the state before it.
         if self.state is NodeState.READY and nmt_state != BOOT_UP:
             return None
         return self.fail("it has restarted" if nmt_state == BOOT_UP else "it has left operation")
 
     def grow_older(self, elapsed_ns: int) -> str | None:
-        """At every SYNC: has the node been silent for too long?"""
+        """Add the time since the last SYNC; return a fault if the node was silent for too long."""
         if self.wants_configuration:
             return None
         self._beat_age_ns += elapsed_ns
@@ -82,7 +82,7 @@ class Node:
         return None
 
     def fail(self, fault: str) -> str | None:
-        """To be configured again; returns *fault* if a person does not know of the trouble."""
+        """Mark the node for configuration; return *fault* if it was not reported yet."""
         if self.wants_configuration:
             return None
         news = self.state is NodeState.REPORTING or not self.fault
@@ -91,7 +91,7 @@ class Node:
         return fault if news else None
 
     def bus_was_down(self) -> None:
-        """To be configured again, but it has done nothing wrong."""
+        """Mark the node for configuration without a fault of its own."""
         if self.state is not NodeState.FAULTY:
             self.state = NodeState.NEW
             self.fault = ""

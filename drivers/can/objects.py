@@ -1,7 +1,7 @@
-"""The objects, identifiers and PDO layouts that armd uses: of an arm on CANopen, all of them.
+"""All objects, identifiers and PDO layouts that armd uses of an arm on CANopen.
 
-CiA 301 (communication), CiA 406 (encoders), CiA 404 (measuring devices). Nothing here talks to
-a bus. Object 6003 (preset) is not in the list: nothing in armd ever writes it.
+CiA 301 (communication), CiA 406 (encoders), CiA 404 (measuring devices). Nothing here accesses a
+bus. Object 6003 (preset) is not in the list: armd never writes it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SDO_REPLY_BASE = 0x580
 SDO_REQUEST_BASE = 0x600
 HEARTBEAT_BASE = 0x700
 
-# NMT states as a heartbeat tells them
+# NMT states in a heartbeat
 BOOT_UP = 0x00
 STOPPED = 0x04
 OPERATIONAL = 0x05
@@ -40,7 +40,7 @@ HEARTBEAT_TIME_MS = 0x1017
 SERIAL_NUMBER = (0x1018, 4)
 TPDO_COMMUNICATION = 0x1800  # + PDO - 1; sub 1 COB-ID, sub 2 transmission type
 PDO_OFF = 1 << 31  # in a COB-ID: the PDO does not exist
-NO_REMOTE_FRAMES = 1 << 30  # in a COB-ID: the node sends it unasked alone
+NO_REMOTE_FRAMES = 1 << 30  # in a COB-ID: remote frames do not request it
 TPDO_MAPPING = 0x1A00  # + PDO - 1
 
 ENCODER_PROFILE = 0x196  # CiA 406
@@ -49,9 +49,9 @@ UNITS_PER_TURN = 0x6001
 TOTAL_RANGE = 0x6002
 POSITION = 0x6004  # u32
 PHYSICAL_RESOLUTION = 0x6501  # steps per turn
-TURNS = 0x6502  # that the encoder tells apart
+TURNS = 0x6502  # number of turns that the encoder distinguishes
 ALARMS = 0x6503  # u16: the position may be wrong
-WARNINGS = 0x6505  # u16: the position holds
+WARNINGS = 0x6505  # u16: the position is valid
 SCALING = 1 << 2  # in OPERATING_PARAMETERS
 
 MEASURING_PROFILE = 0x194  # CiA 404
@@ -61,7 +61,7 @@ PROCESS_VALUE_UNIT_C = 0.001
 
 # --- PDO layouts -----------------------------------------------------------------------------
 
-#: TPDO1 of an encoder: position, alarms; of one that cannot map its alarms: position.
+#: TPDO1 of an encoder: position and alarms, or only the position if it cannot map its alarms.
 ENCODER_PDO = struct.Struct("<IH")
 ENCODER_MAPPING = ((POSITION, 0, 32), (ALARMS, 0, 16))
 POSITION_MAPPING = ((POSITION, 0, 32),)
@@ -73,18 +73,18 @@ EMCY = struct.Struct("<HB5x")  # error code, error register, manufacturer's own 
 
 
 class EncoderLayout(NamedTuple):
-    """What TPDO1 of an encoder carries, in bytes from its beginning."""
+    """The layout of an encoder's TPDO1, in bytes from its beginning."""
 
     size: int
     position_at: int
-    alarms_at: int | None  # None: its alarms are asked by SDO
+    alarms_at: int | None  # None: its alarms are read by SDO
 
 
 ENCODER_LAYOUT = EncoderLayout(ENCODER_PDO.size, 0, 4)
 
 
 def list_mapped_values(pdo: int) -> tuple[tuple[int, int, int], ...]:
-    """(index, subindex, bits) of what TPDO *pdo* = 1…4 of a temperature module carries."""
+    """List (index, subindex, bits) of the values in TPDO *pdo* = 1…4 of a temperature module."""
     if pdo == STATUS_PDO_NUMBER:
         return tuple((CHANNEL_STATUS, n, 8) for n in range(1, CHANNELS_PER_MODULE + 1))
     first = CHANNELS_PER_PDO * (pdo - 1) + 1
@@ -107,7 +107,7 @@ class CanFrame:
     data: bytes
 
     def to_bytes(self) -> bytes:
-        """u32 identifier with flags, little-endian, then the data: `RawFrame.data` on CAN."""
+        """Return `RawFrame.data`: the u32 identifier with flags, little-endian, then the data."""
         return _FRAME_ID.pack(self.identifier) + self.data
 
     @staticmethod

@@ -1,5 +1,7 @@
-"""Which keys of `[driver]` python-can knows, and what their values can be: it swallows any other
-without a word."""
+"""The keys of `[driver]` that python-can knows, and their permitted values.
+
+python-can ignores unknown keys without a message.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +17,9 @@ from typing import Any, get_args, get_type_hints
 from can.interfaces import BACKENDS
 from can.typechecking import BitTimingDict, BitTimingFdDict
 
-logging.getLogger("can").addHandler(logging.NullHandler())  # makers' libraries that are not there
+logging.getLogger("can").addHandler(logging.NullHandler())  # no messages of missing libraries
 
-#: What `can.Bus` itself makes something of, or any interface may be given.
+#: Keys that `can.Bus` itself uses, or that any interface accepts.
 COMMON: dict[str, type] = {
     "bitrate": int,
     "data_bitrate": int,
@@ -25,10 +27,10 @@ COMMON: dict[str, type] = {
     "receive_own_messages": bool,
     **dict.fromkeys((*BitTimingDict.__annotations__, *BitTimingFdDict.__annotations__), int),
 }
-#: Of keys for whose kind python-can has no word.
+#: Types of keys that python-can does not annotate.
 _KINDS: dict[str, type] = {**COMMON, "host": str, "port": int, "btr": str}
-#: Of CiA 301 the slowest and the fastest; what transceivers for CAN FD reach; of a socket; of a
-#: UART; and longer than so many seconds nobody waits.
+#: Permitted ranges: CiA 301's rates, the rates of CAN FD transceivers, a socket's ports, a UART's
+#: rates, and the longest reasonable wait in seconds.
 _UART, _SECONDS = (9_600, 12_000_000), (0, 60)
 _RANGES = {
     "bitrate": (10_000, 1_000_000),
@@ -45,14 +47,14 @@ INTERFACES = tuple(sorted(BACKENDS))
 
 @dataclass(frozen=True, slots=True)
 class InterfaceKeys:
-    """The keys of one interface, `channel` among them where it is one."""
+    """The keys of one interface, including `channel` where it is one."""
 
     names: frozenset[str]
     required: frozenset[str]
-    kinds: Mapping[str, type]  # of their values: bool, int, float or str; where that is known
+    kinds: Mapping[str, type]  # types of values, where known: bool, int, float or str
 
     def expected(self, key: str, value: object) -> str:
-        """What should stand there instead of *value*; empty where it may be."""
+        """Return a description of permitted values; empty if *value* is permitted."""
         kind = self.kinds.get(key)
         low, high = _RANGES.get(key, (0, math.inf))
         if kind is None:
@@ -80,15 +82,16 @@ def _at_least(kind: type) -> str:
 
 
 def find_options(interface: str) -> InterfaceKeys | None:
-    """None for an interface whose library is not installed here: nobody knows its keys then.
+    """Find the keys of *interface*; None if its library is not installed here.
 
-    An interface takes what its constructors name, and what they fetch from their `**kwargs`.
+    The keys are the parameters of its constructors, and the names that they take from their
+    `**kwargs`.
     """
     module, name = BACKENDS[interface]
     try:
         bus = getattr(import_module(module), name)
         source = inspect.getsource(bus)
-    except Exception:  # a maker's library that is missing shows itself in any way it likes
+    except Exception:  # a missing library may raise any exception
         return None
     kinds: dict[str, type] = {}
     names = set(COMMON) | set(_TAKEN.findall(source))
@@ -110,7 +113,7 @@ def find_options(interface: str) -> InterfaceKeys | None:
 
 
 def _kind_of(hint: Any, default: object) -> type | None:
-    """Of a parameter's values, by its annotation (T, or T | None), or else by its default."""
+    """Return the type of a parameter, from its annotation (T, or T | None), or else its default."""
     types = [part for part in get_args(hint) or (hint,) if part is not type(None)]
     if len(types) == 1 and types[0] in _WORDS:
         kind: type = types[0]

@@ -1,4 +1,4 @@
-"""Complete cycles → samples: unwrapped counts, which joints are invalid or warn, what was lost."""
+"""Turns complete cycles into samples: unwrapped counts, invalid and warning joints, lost cycles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class CycleSampler:
     def __init__(self, joints: Sequence[Node], max_joint_rate_deg_s: float) -> None:
         self.delivered = 0
         self.lost = 0
-        self.first_latch_ns: int | None = None  # where the arm's own time begins
+        self.first_latch_ns: int | None = None  # the origin of `device_ns`
         self._joints = joints
         self._max_rate = max_joint_rate_deg_s
         self._dtype = sample_dtype(len(joints))
@@ -33,11 +33,11 @@ class CycleSampler:
 
     @property
     def ready(self) -> bool:
-        """The ranges of all encoders have been known at least once."""
+        """Whether the ranges of all encoders have been known at least once."""
         return self._unwrapper is not None
 
     def learn_ranges(self) -> bool:
-        """Whether this is when the last encoder's range became known."""
+        """Return True once: when the last encoder's range has become known."""
         if self.ready or not all(joint.range_counts for joint in self._joints):
             return False
         self._unwrapper = Unwrapper(
@@ -48,7 +48,7 @@ class CycleSampler:
         return True
 
     def sample(self, cycle: SyncCycle, frame: RawFrame) -> list[Item]:
-        """A cycle that *frame* completed: its sample, after the events its joints give rise to."""
+        """Return the sample of the cycle that *frame* completed, after the events of its joints."""
         assert self._unwrapper is not None
         invalid = alarmed = warned = 0
         for k, node in enumerate(self._joints):

@@ -11,7 +11,7 @@ from armd.drivers.can import objects as can
 
 
 class Thermometers:
-    """°C of *n_sensors* channels; a reading is whole and fresh, or NaN."""
+    """The temperatures of *n_sensors* channels in °C; each reading is complete and new, or NaN."""
 
     def __init__(self, n_sensors: int) -> None:
         self.nodes = can.TEMPERATURE_NODES[: math.ceil(n_sensors / can.CHANNELS_PER_MODULE)]
@@ -20,7 +20,8 @@ class Thermometers:
         self._arriving = self._celsius.copy()  # values whose status has not come yet
 
     def take(self, node: int, pdo: int, data: bytes) -> F64 | None:
-        """TPDO *pdo* of module *node*: all channels (n_sensors,) if that makes a reading whole.
+        """Take TPDO *pdo* of module *node*; return all channels (n_sensors,) if a reading is
+        complete.
 
         Raises ValueError where the length is wrong.
         """
@@ -38,5 +39,5 @@ class Thermometers:
         return self._celsius.ravel()[: self._n_sensors].copy()
 
     def lose(self, node: int) -> None:
-        """Module *node* has failed: its channels are unknown."""
+        """Set the channels of a failed module *node* to NaN."""
         self._celsius[self.nodes.index(node)] = np.nan

@@ -1,7 +1,7 @@
-"""What a session with a MicroScribe consists of, step by step, and what the next request is.
+"""The steps of a session with a MicroScribe, and the next request.
 
-The steps depend on the bytes alone: the driver sends what `request` says, tells when it has
-waited long enough, and a replay takes the same steps from the recorded frames.
+The steps depend only on the bytes: the driver sends `request`, and sends the next one when it has
+waited long enough. So a replay takes the same steps from the recorded frames.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from armd.drivers.sample import RawFrame
 
 
 class Phase(Enum):
-    SYNC = auto()  # IMMC until it comes back
+    SYNC = auto()  # send IMMC until the arm echoes it
     BEGIN = auto()
     SERIAL_NUMBER = auto()
     MAXIMA = auto()
     POLL = auto()
-    STARTING = auto()  # told to stream, not acknowledged yet
+    STARTING = auto()  # command to stream sent, not acknowledged yet
     STREAM = auto()
-    STOPPING = auto()  # told to stop
+    STOPPING = auto()  # command to stop sent
 
 
-#: Of a session that has begun.
+#: The phases of a session that has begun.
 SESSION = (Phase.POLL, Phase.STARTING, Phase.STREAM, Phase.STOPPING)
 _BYTES = {
     Phase.SYNC: wire.SYNC,
@@ -34,12 +34,11 @@ _BYTES = {
     Phase.MAXIMA: bytes([wire.MAXIMA]),
 }
 _PHASES = {wire.STOP[0]: Phase.STOPPING, wire.RESPOND_TO_MOTION: Phase.STARTING}
-ATTEMPTS = 3  # to make it stream, in a row
+ATTEMPTS = 3  # to start streaming, in a row
 
 
 class Conversation:
-    """Feed it the line's frames; it yields replies, each with the request that it answers, and
-    what the arm streams."""
+    """Takes the line's frames; yields replies with their requests, and streamed readings."""
 
     def __init__(self) -> None:
         self._malformed = 0
@@ -47,31 +46,31 @@ class Conversation:
         self.restart()
 
     def restart(self) -> None:
-        """Another line, or the same one anew: the arm waits for IMMC."""
+        """Begin again on another line, or after a reconnection: the arm waits for IMMC."""
         self.phase = Phase.SYNC
         self.pending: RawFrame | None = None  # the request that is not answered yet
         self._malformed, self.stream = self.malformed, None
-        self.polled = 0  # readings asked for and got since it last streamed
-        self.failures = 0  # in a row, to make it stream
-        self.stops = False  # it has acknowledged STOP in this session
-        self.unstopped = 0  # STOP that was not acknowledged, before any was
+        self.polled = 0  # readings requested and received since it last streamed
+        self.failures = 0  # failed attempts in a row to start streaming
+        self.stops = False  # STOP was acknowledged in this session
+        self.unstopped = 0  # number of STOPs without answer, before the first answered one
         self._buffer = b""
-        self._poll = 0  # which of wire.POLLS
-        self._unanswered = 0  # polls in a row, before any was answered
+        self._poll = 0  # index into wire.POLLS
+        self._unanswered = 0  # polls in a row without answer, before the first answered one
 
     @property
     def request(self) -> bytes:
-        """What is to be sent next; in a session: a poll."""
+        """The next request to send; in a session, a poll."""
         return _BYTES.get(self.phase) or bytes([wire.POLLS[self._poll]])
 
     @property
     def reply_size(self) -> int:
-        """Bytes that a poll is answered with."""
+        """The number of bytes in the reply to a poll."""
         return wire.get_standard_size(wire.POLLS[self._poll])
 
     @property
     def timed(self) -> bool:
-        """Whether the arm tells its timer."""
+        """Whether the arm sends its timer."""
         return bool(wire.POLLS[self._poll] & wire.TIME)
 
     @property
@@ -79,7 +78,9 @@ class Conversation:
         return self._malformed + (self.stream.malformed if self.stream is not None else 0)
 
     def sent(self, frame: RawFrame) -> Iterator[tuple[bytes, RawFrame]]:
-        """A request goes out; what the one before has got is its reply, whole or not."""
+        """Record a request; the bytes since the one before are that one's reply, even if
+        incomplete.
+        """
         yield from self._take(complete=True)
         if self.pending is not None and self.phase is Phase.POLL:
             self._malformed += bool(self._buffer)
@@ -93,11 +94,11 @@ class Conversation:
             self.phase = _PHASES.get(frame.data[0], Phase.POLL)
 
     def received(self, frame: RawFrame) -> Iterator[tuple[bytes, RawFrame | Streamed]]:
-        """Bytes came."""
+        """Take received bytes; yield replies and streamed readings."""
         if self.phase is Phase.STREAM and self.stream is not None:
             yield from self._streamed(frame)
         if self.pending is None:
-            return  # nobody has asked: late, or noise
+            return  # no request is open: late bytes, or noise
         self._buffer += frame.data
         yield from self._take(complete=False)
         if self.phase is Phase.STARTING:
@@ -108,7 +109,7 @@ class Conversation:
                 yield from self._streamed(frame._replace(data=behind))
 
     def resume(self, stream: PacketStream) -> None:
-        """A recording begins in the middle of a stream."""
+        """Continue in the middle of a stream, as a recording may begin there."""
         self.stream, self.phase, self.pending, self.stops = stream, Phase.STREAM, None, True
 
     def _streamed(self, frame: RawFrame) -> Iterator[tuple[bytes, Streamed]]:
@@ -139,11 +140,11 @@ class Conversation:
         self.pending, self._buffer = None, b""
         self._malformed += bool(behind)
         if behind and self.phase is Phase.POLL and request.data[0] in wire.POLLS:
-            return  # a byte too many, perhaps from within: no number in it can be believed
+            return  # an extra byte, perhaps within: unreliable
         if self.phase is Phase.STOPPING:
             self.phase, self.stops = Phase.POLL, True
         elif self.phase is Phase.POLL:
-            self._unanswered = -(1 << 31)  # this poll works; silence from now on is silence
+            self._unanswered = -(1 << 31)  # this poll works: never try another one
             self.polled += request.data[0] in wire.POLLS
         yield packet, request
         if packet[0] == wire.SERIAL_NUMBER:

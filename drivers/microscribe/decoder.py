@@ -1,4 +1,4 @@
-"""Raw frames of a MicroScribe's line → samples and events. No port, no clock of its own."""
+"""Decodes raw frames of a MicroScribe's line to samples and events, without port or clock."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from armd.drivers.microscribe.timer import TICK_NS
 from armd.drivers.sample import Event, Item, RawFrame, sample_dtype
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
 
-UP, SEQ, HOMED = b"up ", b"seq ", b"homed"  # "link" frames: the baud rate; a recording's begin
-TIMED = b"timed "  # of a recording's begin: timer, homing, and the stream if it is under way
-POLLS_BEFORE = 4  # readings asked for before it streams again: each bounds the timer
+UP, SEQ, HOMED = b"up ", b"seq ", b"homed"  # "link" frames: baud rate; a recording's begin
+TIMED = b"timed "  # beginning of a recording: timer, homing, and an active stream
+POLLS_BEFORE = 4  # readings requested before it streams again: each bounds the timer
 PUT_IT_TO_REST = "put the stylus into its rest and press a pedal"
 
 
 class MicroScribeDecoder:
-    """Feed it every `RawFrame` of the line in order, sent ones too."""
+    """Decodes every `RawFrame` of the line in order, sent ones too."""
 
     def __init__(
         self,
@@ -33,11 +33,11 @@ class MicroScribeDecoder:
         max_joint_rate_deg_s: float = MAX_JOINT_RATE_DEG_S,
         stream: bool = True,
     ) -> None:
-        """*stream*: the arm is to send its readings by itself, if it can."""
+        """Take the expected arm; *stream*: let the arm send its readings by itself, if it can."""
         self.conversation = Conversation()
         self.accepted = False  # whether the connected arm is the expected one
-        self.homing: Homing | None = None  # of an accepted arm
-        self._before: Before | None = None  # of a homing that was lost
+        self.homing: Homing | None = None  # state of an accepted arm
+        self._before: Before | None = None  # state before a homing was lost
         self.last_sample_ns: int | None = None  # arrival of the last reading, host monotonic
         self._expected = expectation
         self._max_rate = max_joint_rate_deg_s
@@ -47,15 +47,15 @@ class MicroScribeDecoder:
         self._jumps = JointWatch("count_jump", "its count jumped", "it jumps no more")
         self._stream = stream
         self._instants = ReadingInstants()
-        self._streaming_state = ""  # of streaming, in this session
-        self._seq = -1  # of the last cycle
+        self._streaming_state = ""  # the last event about streaming in this session
+        self._seq = -1  # seq of the last cycle
         self._delivered = -1  # seq of the last sample
-        self._greeting: list[RawFrame] = []  # what told whose arm this is
+        self._greeting: list[RawFrame] = []  # the frames that identified the arm
         self._counted: Counter[str] = Counter()
 
     @property
     def counters(self) -> dict[str, int]:
-        """Samples, and what was asked for or came without becoming one."""
+        """The number of samples, and of requested or received packets that became none."""
         names = ("samples", "streamed", "lost", "foreign")
         return {name: self._counted[name] for name in names} | {
             "malformed": self.conversation.malformed + self._counted["misplaced"]
@@ -63,14 +63,14 @@ class MicroScribeDecoder:
 
     @property
     def may_stream(self) -> bool:
-        """Whether the arm is to be told to stream now."""
+        """Whether the command to stream should be sent now."""
         homed = self.accepted and self.homing is not None and self.homing.homed
         bounded = self._instants.timer.mapped and self.conversation.polled >= POLLS_BEFORE
         return self._stream and homed and bounded and not self._hindrance
 
     @property
     def _hindrance(self) -> str:
-        """What keeps this arm from streaming, in words."""
+        """The reason why this arm cannot stream; empty if it can."""
         if self.conversation.failures >= ATTEMPTS:
             return "it does not follow the command to stream (CF)"
         if self.conversation.unstopped >= ATTEMPTS:
@@ -80,7 +80,7 @@ class MicroScribeDecoder:
         return "its timer does not run at 900 Hz" if self._instants.timer.hopeless else ""
 
     def preamble(self) -> list[RawFrame]:
-        """What a fresh decoder must be fed to go on from here."""
+        """Return the frames from which a fresh decoder continues."""
         if not self.accepted or self.homing is None:
             return []
         first = self._greeting[0]._replace(direction="link", data=UP + b"%d" % self._instants.baud)
@@ -93,14 +93,14 @@ class MicroScribeDecoder:
         return [*frames, first._replace(data=TIMED + json.dumps(state).encode())]
 
     def warm_up(self) -> None:
-        """Compile, or load from the cache: before the first sample, not while it waits."""
+        """Compile the decoder, or load it from the cache, before the first sample arrives."""
         self._new_unwrapper([4096] * self._expected.n_joints)(
             np.zeros((1, self._expected.n_joints), np.int64), np.zeros(1, np.int64),
             np.zeros(1, np.uint16),
         )  # fmt: skip
 
     def feed(self, frame: RawFrame) -> list[Item]:
-        """What *frame* completes, in the order of the wire."""
+        """Decode *frame*; return the items that it completes, in the order of the wire."""
         if frame.direction == "link":
             self._link(frame.data)
             return []
@@ -111,7 +111,7 @@ class MicroScribeDecoder:
             items += self._whether_it_streams(frame)
             if self.homing is not None and frame.data[0] == wire.HOME:
                 self.homing.note_sent()
-            # Not a cycle: HOME, and what is asked of an arm whose samples nobody wants.
+            # HOME is no cycle; nor are requests to an arm that is not accepted.
             if self.accepted and frame.data[0] in wire.POLLS:
                 self._seq += 1
             return items
@@ -209,7 +209,7 @@ class MicroScribeDecoder:
     # --- samples -------------------------------------------------------------------------
 
     def _streamed(self, streamed: Streamed) -> list[Item]:
-        """A reading that the arm sent by itself."""
+        """Return the items of a reading that the arm sent by itself."""
         packet, heard, _, lost = streamed
         self.last_sample_ns = heard.monotonic_ns
         stream = self.conversation.stream
@@ -218,7 +218,7 @@ class MicroScribeDecoder:
             self._counted["misplaced"] += 1
             return []
         at_ns, holds = instant
-        if lost is None:  # the first one
+        if lost is None:  # the first packet of the stream
             lost = self._instants.missing(at_ns) if self._seq == self._delivered else 0
         self._seq += 1 + lost
         self._counted["streamed"] += 1
@@ -227,7 +227,7 @@ class MicroScribeDecoder:
         return [*events, *self._sample(reading, at_ns, heard, self.homing, holds)]
 
     def _whether_it_streams(self, frame: RawFrame) -> list[Item]:
-        """Told once in a session, and once more should it cease to."""
+        """Return an event once a session when the arm streams, and once when it no longer does."""
         stream, homing = self.conversation.stream, self.homing
         if not self._stream or homing is None or not homing.homed:
             return []
@@ -251,7 +251,7 @@ class MicroScribeDecoder:
         clock_mapped: bool,
         took_ns: int = 0,
     ) -> list[Item]:
-        """*took_ns*: of a reading that was asked for, from its request to its reply."""
+        """Make a sample; *took_ns*: from a requested reading's request to its reply."""
         counts = reading.counts[: wire.N_JOINTS]
         self._instants.note_sample(at_ns)
         items: list[Item] = []

@@ -1,5 +1,7 @@
-"""The MicroScribe's port: finds the baud rate, holds the session, lets the arm stream or asks for
-one reading after the other. Everything that the bytes mean is in the decoder."""
+"""The driver of the MicroScribe's port: finds the baud rate, keeps the session, polls or streams.
+
+The decoder interprets the bytes.
+"""
 
 from __future__ import annotations
 
@@ -22,38 +24,38 @@ from armd.drivers.waiting import has_bytes
 AFTER_END_S = 0.015
 SYNC_EVERY_NS = 30_000_000
 PER_BAUD_NS = 900_000_000  # before the next rate is tried
-REPLY_NS = 200_000_000  # to a question about the arm
-#: An unanswered poll is given up after this and the line's own time; the answer may yet come, so
-#: it is waited for once more before the next poll, lest it be taken for that one's.
+REPLY_NS = 200_000_000  # for the reply to a question about the arm
+#: A poll without answer is given up after this and the line's own time. The answer may still come,
+#: so the driver waits once more before the next poll: else it would count as that one's answer.
 POLL_NS = 25_000_000
 HOME_EVERY_NS = 150_000_000
-START_NS = 40_000_000  # for the acknowledgement; and what an arm says that does not know CF
+START_NS = 40_000_000  # for the acknowledgement, or the reply of an arm without CF
 START_BYTES = 100
-STOP_NS = 50_000_000  # as the maker's library waits
-STUCK_NS = 100_000_000  # without a packet, and five of its paces
-#: Streaming pauses this often for a few readings that are asked for: by them the arm's timer is
-#: held against the host's clock.
+STOP_NS = 50_000_000  # the time that the maker's library waits
+STUCK_NS = 100_000_000  # without a packet, plus five paces of the stream
+#: Streaming pauses this often for a few requested readings: they compare the arm's timer with the
+#: host's clock.
 TIMING_NS = 5_000_000_000
 
 
 class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
-    """See `armd.drivers.sample.Driver`."""
+    """The driver of a MicroScribe; see `armd.drivers.sample.Driver`."""
 
     def __init__(self, config: MicroScribeConfig, expectation: Expectation) -> None:
         decoder = MicroScribeDecoder(expectation, config.max_joint_rate_deg_s, config.stream)
         super().__init__(decoder, config.port)
         self._bauds: tuple[int, ...] = wire.BAUDS if config.baud is None else (config.baud,)
         self._fastest = self._bauds[0]
-        #: An arm takes any rate at which it is first spoken to, so one that was switched on while a
-        #: slow one was being tried answers at that: then the fastest is tried once more.
+        #: An arm takes the rate of the first command that it receives. One that was switched on
+        #: while a slow rate was tried answers at that rate: then the fastest is tried once more.
         self._trying_fastest = self._is_slow = False
-        self._tried = 0  # baud rates, since the last session
-        self._give_up_ns = 0  # on this rate
+        self._tried = 0  # baud rates tried since the last session
+        self._give_up_ns = 0  # when to give this rate up
         self._send_ns = 0  # when the next request may leave
         self._sent_ns = 0  # when the last one left
-        self._session_ns = 0  # when the session was last being begun
+        self._session_ns = 0  # when a session last began
         self._home_ns = 0  # when HOME may be sent again
-        self._draining = False  # a poll was not answered
+        self._draining = False  # waiting once more after a poll without answer
         self._timing_ns = 0  # when streaming is to pause
 
     @property
@@ -64,7 +66,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
         return f"not homed: {homing.doubt if homing.unconfirmed else PUT_IT_TO_REST}"
 
     def close(self) -> None:
-        """A session ends, and with it the stream: whoever comes next finds the arm silent."""
+        """End the session, and with it the stream: the next program finds the arm silent."""
         if self._port is not None and self._decoder.conversation.phase in SESSION:
             with suppress(OSError, termios.error):
                 self._write(self._port, bytes([wire.END]))
@@ -105,7 +107,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
             return self._try_open(now_ns)
         streaming = conversation.phase is Phase.STREAM and now_ns < self._timing_ns
         if streaming and has_bytes(port.fileno(), 0):
-            return []  # it is this process that was late
+            return []  # this process was late, not the arm
         stopping = conversation.phase is Phase.STOPPING and conversation.stops
         if stopping or conversation.phase in (Phase.STREAM, Phase.STARTING):
             self._send_ns = now_ns + STOP_NS
@@ -127,7 +129,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
         request = conversation.request
         byte_ns = 10_000_000_000 // port.baudrate
         if conversation.phase is Phase.POLL and self._decoder.may_stream:
-            if not conversation.stops:  # nothing is begun that might not be ended
+            if not conversation.stops:  # never start a stream that might not be stoppable
                 self._send_ns = now_ns + STOP_NS
                 return self._send(port, wire.STOP)
             delay = wire.compute_delay_ticks(request[0], port.baudrate)
@@ -141,7 +143,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
         return self._send(port, request)
 
     def _answered(self, port: serial.Serial) -> None:
-        """The request was answered: the next one may leave, at the line's own pace."""
+        """Set the time of the next request after an answer, at the line's own pace."""
         conversation = self._decoder.conversation
         if conversation.pending is not None:
             return
@@ -174,7 +176,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
         if self._tried == 0:
             self._line.opened(now_ns)
         self._feed("link", UP + b"%d" % baud)
-        # A session that another program left open hears nothing but its end.
+        # A session that another program left open accepts only END.
         items = self._send(self._port, bytes([wire.END]))
         time.sleep(AFTER_END_S)
         with suppress(OSError, termios.error):
@@ -184,8 +186,10 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
         return items
 
     def _silent(self, now_ns: int) -> list[Item]:
-        """Told at first; after a while the line is opened afresh, and with the session goes the
-        knowledge that the arm is homed."""
+        """Report the silence, and after a while reopen the line.
+
+        The session ends then, and the arm is no longer known to be homed.
+        """
         items = self._line.silent(now_ns)
         young = now_ns - self._session_ns < self.RENEW_NS
         if items or young or self._decoder.conversation.phase not in SESSION:
@@ -206,7 +210,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
 
     def _send(self, port: serial.Serial, data: bytes) -> list[Item]:
         frame = self._write(port, data)
-        if frame is None:  # asked for again when it is due
+        if frame is None:  # requested again when it is due
             return []
         self._sent_ns = frame.monotonic_ns
         return self._take(frame)

@@ -1,4 +1,4 @@
-"""What a MicroScribe knows of itself, asked once: who it is and how it was measured."""
+"""Reads the factory data of a MicroScribe once: its identity and its geometry."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ PER_BAUD_S = 0.9
 class Factory:
     serial_number: str
     model: str  # "DX", …
-    format: str  # of the parameters: "Format DH0.5"
+    format: str  # format of the parameters: "Format DH0.5"
     firmware: str
     counts_per_turn: tuple[int, ...]
-    parameters: tuple[int, ...]  # α, A, D of six frames, as the wire has them
-    beta: int  # 0 for arms without
+    parameters: tuple[int, ...]  # α, A, D of six frames, in the units of the wire
+    beta: int  # 0 for arms without one
     baud: int
 
 
 def read_factory(port: str, baud: int | None = None) -> Factory:
-    """Begins a session on *port*, asks, ends it; raises `BadInput` if no MicroScribe answers."""
+    """Read the data in a session on *port*; raises `BadInput` if no MicroScribe answers."""
     bauds = wire.BAUDS if baud is None else (baud,)
     for rate in bauds:
         try:
@@ -81,13 +81,13 @@ def _ask(talk: _Talk, port: str, baud: int) -> Factory:
 
 
 class _Talk:
-    """Question and answer, one at a time."""
+    """Sends questions and receives answers, one at a time."""
 
     def __init__(self, line: serial.Serial) -> None:
         self._line = line
 
     def begin(self) -> bool:
-        """Whether a MicroScribe is there at this rate."""
+        """Begin a session; return whether a MicroScribe answers at this rate."""
         self._line.write(bytes([wire.END]))
         time.sleep(0.015)
         self._line.reset_input_buffer()
@@ -103,7 +103,7 @@ class _Talk:
         return False
 
     def ask(self, command: int) -> bytes | None:
-        """The reply; None if there is none, however often it is asked for."""
+        """Return the reply to *command*; None if none comes after `TRIES` attempts."""
         for _ in range(TRIES):
             self._line.reset_input_buffer()
             self._line.write(bytes([command]))
@@ -119,7 +119,10 @@ class _Talk:
         return None
 
     def _hear(self, seconds: float, until: Sequence[bytes]) -> bytes:
-        """What comes within *seconds*, or up to one of *until*; without, up to the first bytes."""
+        """Return the bytes of *seconds*, or those up to one of *until*.
+
+        If *until* is empty, return after the first bytes.
+        """
         heard, deadline = b"", time.monotonic() + seconds
         while (remaining_s := deadline - time.monotonic()) > 0:
             if not has_bytes(self._line.fileno(), remaining_s):

@@ -1,7 +1,7 @@
-"""The geometry that the factory has written into the arm → rows of arm.toml.
+"""Converts the geometry that the factory stored in the arm into rows of arm.toml.
 
 The maker's chain is the modified form: Tx(A)·Rx(α), then, at the third joint, Ry(β), then
-Rz(θ)·Tz(D). Shifting A and α one row back gives armd's rows exactly; β comes to stand in row 2.
+Rz(θ)·Tz(D). Shifting A and α one row back gives armd's rows exactly; β is then in row 2.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from armd.drivers.microscribe.wire import N_JOINTS
 
 MM_PER_UNIT = 0.0254  # lengths are in thousandths of an inch
 DEG_PER_UNIT = 180.0 / 32768
-BALL_INCH = 0.242  # what the maker adds to D5 for the ball tip instead of the point
+BALL_INCH = 0.242  # the maker adds this to D5 for the ball tip instead of the point
 
 
 @dataclass(frozen=True)
 class Row:
-    """θ0 is zero throughout."""
+    """One row of arm.toml's geometry; θ0 is zero in all rows."""
 
     d_mm: float
     a_mm: float
@@ -29,10 +29,11 @@ class Row:
 def compute_rows_and_tip(
     parameters: Sequence[int], beta: int = 0, ball: bool = False
 ) -> tuple[list[Row], tuple[float, float, float]]:
-    """From the reply to PARAMETERS (α, A, D of six frames) and BETA of the extended ones.
+    """Compute the rows and the tip (x, y, z) mm.
 
-    The first frame's α and A displace the base and are to be zero, as they are in all that is
-    known; raises `ValueError` otherwise.
+    *parameters*: the reply to PARAMETERS (α, A, D of six frames); *beta*: BETA of the extended
+    ones. The first frame's α and A displace the base and must be zero, as in all known arms; raises
+    `ValueError` otherwise.
     """
     if len(parameters) != 3 * (N_JOINTS + 1):
         raise ValueError(f"{len(parameters)} parameters, not {3 * (N_JOINTS + 1)}")

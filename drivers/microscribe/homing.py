@@ -1,13 +1,13 @@
-"""Is the arm homed? Its encoders count from where it woke up, and its wire has no bit for it.
+"""Determines whether the arm is homed: encoders count from power-up, and no bit shows homing.
 
-A pedal pressed while the arm has been at rest says: the stylus is in its rest. Only then is HOME
-sent, and until it is acknowledged no angle means anything.
+A pedal pressed while the arm has been at rest means: the stylus is in its rest. Only then is HOME
+sent, and until it is acknowledged no angle has a meaning.
 
-After a homing was lost (a pulled plug, a long silence) a press may as well be that of somebody who
-has not noticed and goes on measuring. Then it is believed at once only if the arm's timer has run
-on, so that its counts still mean what they did, and they are those of its rest. Otherwise the
-stylus is to be lifted and put back: what it comes back to within half a degree in five joints is
-what holds it, and no hand. Why: docs/decisions/0011.
+After a homing was lost (a pulled plug, a long silence), a user who has not noticed may press a
+pedal to go on measuring. So a press is accepted at once only if the arm's timer has kept running,
+so that its counts are still valid, and the counts are those of its rest. Otherwise the user must
+lift the stylus and put it back. If five joints come back to within half a degree, the rest holds
+the stylus, and not a hand. Why: docs/decisions/0011.
 """
 
 from __future__ import annotations
@@ -21,61 +21,61 @@ from armd.drivers.microscribe.wire import TICKS
 
 REST_NS = 500_000_000
 REST_DEG = 0.25  # by which a joint may differ within a rest
-PATIENCE_NS = 500_000_000  # from the press on; later nobody knows where the stylus is
+PATIENCE_NS = 500_000_000  # after the press; later the place of the stylus is unknown
 BACK_DEG = 0.5  # by which a joint may miss its rest
-LIFTED_DEG = 5.0  # one joint at the least, when the stylus is out of its rest
-#: Of a timer that ran on: what an instant is off at the worst, and a crystal. After a longer time
-#: too many of its 18 s would fit.
+LIFTED_DEG = 5.0  # at least one joint differs by this when the stylus is out of its rest
+#: Of a timer that kept running: the largest error of an instant, and of a crystal's rate. After a
+#: longer time too many multiples of its period of 18 s would fit.
 TIMER_NS, TIMER_RATE = 5_000_000, 1e-4
 LONGEST_NS = 100_000_000_000
 LIFT_IT = "lift the stylus, put it back into its rest and press a pedal once more"
 
 
 class Before(NamedTuple):
-    """What is known of an arm whose homing was lost."""
+    """The state of an arm before its homing was lost."""
 
     home: Sequence[int]  # counts in its rest
     at_ns: int  # its last reading, host monotonic
-    ticks: int | None  # of that one's timer
+    ticks: int | None  # the timer of that reading
 
 
 @dataclass
 class Homing:
-    """Of one session. *counts_per_turn* (N,); *before*: None where no homing was lost.
+    """The homing of one session. *counts_per_turn* (N,); *before*: None where no homing was lost.
 
-    Recordings have its fields by these names (`state`).
+    Recordings store its fields by these names (`state`).
     """
 
     counts_per_turn: Sequence[int]
     before: Before | None = None
     _: KW_ONLY
     homed: bool = False
-    unconfirmed: bool = False  # HOME was acknowledged, and is not believed yet
-    _home: Sequence[int] | None = None  # counts in the rest, or in what may be it
+    unconfirmed: bool = False  # HOME was acknowledged, but needs a second press
+    _home: Sequence[int] | None = None  # counts in the rest, or in the presumed rest
     _last: tuple[int, int | None] | None = None  # instant and timer of the last reading when homed
     _rest: Sequence[int] = ()
     _rest_since_ns: int = 0
-    _buttons: int | None = None  # of the last reading
-    _pressed_ns: int | None = None  # a press that asks for HOME
-    _asked: bool = False  # HOME was sent in this session: the counts are no more those of before
-    _doubt: str = ""  # why the press that asks for HOME needs another one
-    _lifted: bool = False  # since HOME
-    _quickest_ns: int | None = None  # reply of this session, which tells most of the timer
-    _ran_on: bool = False  # the timer, since before
+    _buttons: int | None = None  # buttons of the last reading
+    _pressed_ns: int | None = None  # time of a press that requests HOME
+    _asked: bool = False  # HOME was sent: counts are no longer comparable
+    _doubt: str = ""  # why the press that requests HOME needs a second one
+    _lifted: bool = False  # lifted since HOME
+    _quickest_ns: int | None = None  # the quickest reply of this session: it bounds the timer best
+    _ran_on: bool = False  # the timer kept running since the homing was lost
 
     @property
     def doubt(self) -> str:
-        """Why it is not believed that the stylus is in its rest, and what to do about it."""
+        """The reason why the stylus may not be in its rest, and what to do about it."""
         return f"{self._doubt}: {LIFT_IT}"
 
     def lost(self) -> Before | None:
-        """What the next session should know of this one."""
+        """Return the state for the next session."""
         if not self.homed or self._home is None or self._last is None:
             return self.before
         return Before(self._home, *self._last)
 
     def state(self) -> dict[str, Any]:
-        """For `restored`, as JSON."""
+        """Return the state for `restored`, as JSON."""
         return asdict(self)
 
     @classmethod
@@ -84,22 +84,22 @@ class Homing:
         return cls(**state | {"before": before and Before(*before)})
 
     def is_due(self, now_ns: int) -> bool:
-        """HOME is to be sent, again if need be."""
+        """Return whether HOME should be sent, again if necessary."""
         return self._pressed_ns is not None and now_ns - self._pressed_ns < PATIENCE_NS
 
     def note_sent(self) -> None:
-        """HOME goes out."""
+        """Record that HOME is sent."""
         self._asked = True
 
     def acknowledged(self) -> bool:
-        """HOME was; whether the arm counts as homed."""
+        """Record that HOME was acknowledged; return whether the arm counts as homed."""
         self.homed, self.unconfirmed = not self._doubt, bool(self._doubt)
         self._pressed_ns = self._home = None
         self._lifted = False
         return self.homed
 
     def follow(self, counts: Sequence[int], at_ns: int, ticks: int | None) -> None:
-        """A reading of the arm that is homed."""
+        """Record a reading of the homed arm."""
         if self._home is None:
             self._home = tuple(counts)
         self._last = at_ns, ticks
@@ -112,8 +112,10 @@ class Homing:
         ticks: int | None = None,
         took_ns: int = 0,
     ) -> str:
-        """A reading of the arm that is not homed, *took_ns* from its request to its reply; why a
-        press was refused, if one was."""
+        """Take a reading of the arm that is not homed; return why a press was refused, if one was.
+
+        *took_ns*: from the reading's request to its reply.
+        """
         self._look_at_timer(at_ns, ticks, took_ns)
         moved = not self._rest or self._largest_difference(counts, self._rest)[0] > REST_DEG
         if moved:
@@ -143,7 +145,7 @@ class Homing:
         return ""
 
     def _doubt_of(self, counts: Sequence[int]) -> str:
-        """Why *counts* may not be those of the stylus in its rest; empty if they are."""
+        """Return why *counts* may not be those of the stylus in its rest; empty if they are."""
         if self.before is None:
             return ""
         if self._asked or not self._ran_on:
@@ -168,7 +170,7 @@ class Homing:
     def _largest_difference(
         self, counts: Sequence[int], counts_before: Sequence[int]
     ) -> tuple[float, int]:
-        """By how many degrees they differ at the most, and which joint (from 1) does."""
+        """Return the largest difference in degrees, and its joint (from 1)."""
         return max(
             (abs((count - count_before + turn // 2) % turn - turn // 2) * 360 / turn, joint)
             for joint, (count, count_before, turn) in enumerate(

@@ -1,8 +1,8 @@
-"""Packets that the arm sends by itself: which bytes are one, and how many were lost between two.
+"""Finds the packets that the arm sends by itself, and counts lost ones.
 
-The wire has no checksum and no number. So a packet counts only if it stands exactly between two
-beginnings and the next one's timer is where the pace expects it: a lost, inserted or exchanged
-piece of the line costs the packets that it touched, and makes none.
+The wire has no checksum and no packet number. So a packet counts only if it fits exactly between
+two head bytes and the next packet's timer fits the pace. A lost, inserted or changed piece of the
+line costs the packets that it touched, and creates none.
 """
 
 from __future__ import annotations
@@ -13,43 +13,43 @@ from typing import Any, NamedTuple
 from armd.drivers.microscribe.wire import MARK, TICKS, get_standard_size, parse_streamed_command
 from armd.drivers.sample import RawFrame
 
-PACE_PACKETS = 16  # over which the pace is taken
-NEXT = 1.6  # paces after which a packet is not the next one any more
-_TIMER_AT = 2  # in a packet: behind its beginning and the buttons
-LONGEST = 64  # bytes without a beginning that are kept
+PACE_PACKETS = 16  # number of packets over which the pace is averaged
+NEXT = 1.6  # after more paces than this, a packet is not the next one
+_TIMER_AT = 2  # in a packet: after the head byte and the buttons
+LONGEST = 64  # the most bytes kept after a head byte
 
 
 class Streamed(NamedTuple):
     packet: bytes
-    heard: RawFrame  # that its last byte came with
+    heard: RawFrame  # the frame of its last byte
     ticks: int  # of 14 bits
     lost: int | None  # packets between it and the one before; None: it is the first
 
 
 class PacketStream:
-    """Of one command to stream, *request*."""
+    """The packets of one command to stream, *request*."""
 
     def __init__(self, request: bytes) -> None:
         command, delay = parse_streamed_command(request)
         self.request = request
         self.malformed = 0
-        self.packets = 0  # that began and ended
+        self.packets = 0  # number of complete packets
         self._head = command | MARK
         self._size = get_standard_size(command)
-        self._open = b""  # what began and may not have ended
-        self._heard: RawFrame | None = None  # that `_open` became whole with
-        self._complete: tuple[bytes, RawFrame] | None = None  # the next one decides of it
-        self._before: int | None = None  # ticks of the last one that counted
+        self._open = b""  # the packet that may be incomplete
+        self._heard: RawFrame | None = None  # the frame that completed `_open`
+        self._complete: tuple[bytes, RawFrame] | None = None  # confirmed by the next one
+        self._before: int | None = None  # ticks of the last accepted one
         self._spacings: deque[int] = deque([max(delay, 1)] * 4, maxlen=PACE_PACKETS)
 
     @property
     def pace_ticks(self) -> float:
-        """From packet to packet: of the last ones, those that follow a loss apart."""
+        """The mean interval of packets, without the longest quarter, which may follow losses."""
         shortest = sorted(self._spacings)[: -(-3 * len(self._spacings) // 4)]
         return sum(shortest) / len(shortest)
 
     def push(self, frame: RawFrame) -> list[Streamed]:
-        """What the bytes of *frame* prove to be packets."""
+        """Take the bytes of *frame*; return the packets that they confirm."""
         proven = []
         for byte in frame.data:
             if byte & MARK:
@@ -67,9 +67,9 @@ class PacketStream:
         return proven
 
     def _close(self) -> None:
-        """Another beginning: what was open is a packet, or none."""
+        """Close the open packet at the next head byte; keep it only if it is complete."""
         if len(self._open) < _TIMER_AT + 2:
-            self._complete = None  # nothing tells of the one before
+            self._complete = None  # nothing confirms the one before
         good = len(self._open) == self._size and self._open[0] == self._head
         if good and self._heard is not None:
             self._complete = self._open, self._heard
@@ -96,7 +96,7 @@ class PacketStream:
     # --- for a recording that begins in the middle ------------------------------------------
 
     def state(self) -> list[Any]:
-        """For `restored`, as JSON."""
+        """Return the state for `restored`, as JSON."""
         complete = self._complete and [self._complete[0].hex(), *_time(self._complete[1])]
         heard = self._heard and _time(self._heard)
         return [

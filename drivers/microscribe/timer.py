@@ -1,8 +1,8 @@
-"""The arm's timer on the host's clock.
+"""Maps the arm's timer to the host's clock.
 
-Ticks of 1/900 s, 14 bits: a reading says in which tick it was made, not when within it. A reading
-that was asked for was made between its request and its reply, so each bounds where that tick began;
-`ClockMapping` makes of such bounds what it makes of PING and PONG.
+The timer has ticks of 1/900 s and 14 bits. A reading carries its tick, but not the instant within
+it. A requested reading was made between its request and its reply, so each bounds the beginning of
+that tick. `ClockMapping` uses these bounds like PING and PONG.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from typing import Any
 from armd.drivers.microscribe.wire import TICKS
 from armd.drivers.serial.clock import OLD_NS, PROMISED_NS, WINDOW, ClockMapping
 
-TICK_NS = 1_111_111  # of a 7.3728 MHz crystal, by 8192
-SPREAD_NS = TICK_NS / 12**0.5  # of an instant within its tick
+TICK_NS = 1_111_111  # a crystal of 7.3728 MHz, divided by 8192
+SPREAD_NS = TICK_NS / 12**0.5  # standard deviation of an instant within its tick
 HOPELESS = 200  # polls in a row that did not map the clock
 
 
 class Timer:
     def __init__(self) -> None:
         self._clock = ClockMapping(SPREAD_NS)
-        self._exchanges: deque[tuple[int, int, int]] = deque(maxlen=WINDOW)  # of the clock, to keep
+        self._exchanges: deque[tuple[int, int, int]] = deque(maxlen=WINDOW)  # kept for `state`
         self._total: tuple[int, int] | None = None  # ticks since the first, and the host's time
         self._vain = 0
 
@@ -31,12 +31,14 @@ class Timer:
 
     @property
     def hopeless(self) -> bool:
-        """It does not run as the maker says."""
+        """Whether the timer does not run at the rate that the maker states."""
         return self._vain > HOPELESS
 
     def ticks(self, reading: int, at_ns: int) -> int:
-        """All ticks since the first, of a reading of 14 bits heard at *at_ns*: silence between two
-        readings may last for many turns of it."""
+        """Return all ticks since the first, for a *reading* of 14 bits received at *at_ns*.
+
+        A gap between two readings may be longer than the timer's period.
+        """
         if self._total is None:
             total = reading
         else:
@@ -47,25 +49,27 @@ class Timer:
         return total
 
     def add_exchange(self, begin_ns: int, end_ns: int, ticks: int) -> None:
-        """A reading made in tick *ticks*, and between two instants of the host."""
+        """Add a reading made in tick *ticks*, between two instants of the host."""
         self._add(begin_ns - TICK_NS, end_ns, _device_ns(ticks))
         self._vain = 0 if self.mapped else self._vain + 1
 
     def instant_ns(self, ticks: int, latest_ns: int) -> int | None:
-        """The middle of where a reading of that tick, heard from *latest_ns* on, must lie; None:
-        it cannot have been made in that tick."""
+        """Return the middle of the interval in which a reading of that tick was made.
+
+        *latest_ns*: the latest possible instant. None: it cannot have been made in that tick.
+        """
         begin_ns = self._clock.to_host(_device_ns(ticks))
         if begin_ns > latest_ns + PROMISED_NS:
             return None
         return (begin_ns + min(begin_ns + TICK_NS, latest_ns)) // 2
 
     def holds(self, ticks: int) -> bool:
-        """Whether the mapping is young enough for that tick."""
+        """Return whether the mapping is recent enough for that tick."""
         newest = self._exchanges[-1][2] if self._exchanges else 0
         return self.mapped and _device_ns(ticks) - newest <= OLD_NS
 
     def state(self) -> list[Any]:
-        """For `restored`, as JSON."""
+        """Return the state for `restored`, as JSON."""
         return [self._total, list(self._exchanges)]
 
     @classmethod
@@ -79,7 +83,7 @@ class Timer:
 
     def _add(self, sent_ns: int, received_ns: int, device_ns: int) -> None:
         if not self._clock.add(sent_ns, received_ns, device_ns):
-            self._exchanges.clear()  # as the clock has done
+            self._exchanges.clear()  # like the clock
         self._exchanges.append((sent_ns, received_ns, device_ns))
 
 

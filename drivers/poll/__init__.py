@@ -1,1 +1,1 @@
-"""Servos polled on one half-duplex line: two pure codecs, and one engine for both."""
+"""Drivers of servos polled on one half-duplex line: two pure codecs, and one engine for both."""

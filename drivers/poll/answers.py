@@ -1,4 +1,6 @@
-"""What has come for the request that is out, and how long more is waited for. No port, no clock."""
+"""Collects the answers to the open request, and decides how long to wait for more; no port, no
+clock.
+"""
 
 from __future__ import annotations
 
@@ -6,29 +8,29 @@ from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.poll.exchange import Exchange
 from armd.drivers.sample import RawFrame
 
-#: Nothing has come at all: a busy host, or a line that is silent.
+#: Wait for the first byte: the host may be busy, or the line silent.
 FIRST_BYTE_NS = 50_000_000
-#: Answers have begun to come, then no more: three times what they were ever late, within these.
+#: Wait for further answers: three times their largest lateness, within these limits.
 PAUSE_LEAST_NS, PAUSE_MOST_NS = 5_000_000, 30_000_000
-#: All but those that have not answered for some cycles have.
+#: Wait when all have answered except servos that have not answered for some cycles.
 ACCUSTOMED_NS = 1_000_000
-EXCESS_KEPT = 0.998  # of what answers were late, from cycle to cycle
-ASLEEP = 0.9  # of the time that answers need on the line at least, nobody listens for them
+EXCESS_KEPT = 0.998  # factor of the lateness, from cycle to cycle
+ASLEEP = 0.9  # do not listen during this part of the time that the answers need
 
 
 class Answers:
-    """Of one line; `begin` with each request."""
+    """The answers on one line; call `begin` with each request."""
 
     def __init__(self, decoder: ServoDecoder) -> None:
         self._decoder = decoder
-        self._excess_ns = PAUSE_MOST_NS / 3  # how much longer than the line needs answers take
-        self._needs_ns = 0.0  # what the exchange needs on the line, at least
-        self._heard_ns = 0  # its last bytes; 0: none yet
+        self._excess_ns = PAUSE_MOST_NS / 3  # lateness of answers, beyond the time on the line
+        self._needs_ns = 0.0  # the least time of the exchange on the line
+        self._heard_ns = 0  # arrival of its last bytes; 0: none yet
         self._undecoded: list[RawFrame] = []
-        self._bytes = b""  # of these
+        self._bytes = b""  # bytes of these frames
 
     def begin(self, exchange: Exchange) -> None:
-        """The request of *exchange* went out."""
+        """Begin to wait: the request of *exchange* was sent."""
         decoder, request = self._decoder, exchange.request
         n_bytes = len(exchange.sent.data) + len(request.ids) * decoder.family.answer_bytes(request)
         gaps_ns = sum(decoder.pauses.before_ns(request, decoder.roster.version))
@@ -36,11 +38,11 @@ class Answers:
         self._heard_ns = 0
 
     def look_ns(self, exchange: Exchange) -> int:
-        """Before this nobody needs to listen."""
+        """Return when to begin to listen for answers."""
         return exchange.sent.monotonic_ns + round(ASLEEP * self._needs_ns)
 
     def end_ns(self, exchange: Exchange) -> int:
-        """When no more answers are waited for."""
+        """Return the time at which to stop waiting for answers."""
         due_ns = exchange.sent.monotonic_ns + self._needs_ns
         given_up = self._decoder.roster.given_up
         if exchange.request.is_single and exchange.is_cycle and self._heard_ns == 0:
@@ -56,7 +58,7 @@ class Answers:
         return round(max(due_ns, self._heard_ns) + pause_ns)
 
     def are_completed_by(self, data: bytes, exchange: Exchange) -> bool:
-        """Whether *data* are the last answers, as can be told at a glance."""
+        """Return whether *data* are the last answers, by a quick check."""
         data = self._bytes + data
         return self._decoder.family.completes(data, exchange.request, exchange.missing)
 
@@ -66,18 +68,20 @@ class Answers:
         self._heard_ns = frame.monotonic_ns
 
     def may_be_all(self, exchange: Exchange) -> bool:
-        """Whether as many bytes have come as the answers have that are still expected."""
+        """Return whether there are as many bytes as the expected answers have."""
         given_up = self._decoder.roster.given_up
         expected = sum(not given_up(servo) for servo in exchange.missing)
         return len(self._bytes) >= expected * self._decoder.family.answer_bytes(exchange.request)
 
     def take(self) -> list[RawFrame]:
-        """What has come since the last time, to be decoded: all at once, as each look takes time
-        while answers come in."""
+        """Return the frames since the last call, to be decoded.
+
+        All are decoded at once, because decoding takes time while answers come in.
+        """
         frames, self._undecoded, self._bytes = self._undecoded, [], b""
         return frames
 
     def note_complete(self, exchange: Exchange) -> None:
-        """All have come: how much later than the line's own time."""
+        """Record the lateness of a complete exchange."""
         excess_ns = self._heard_ns - exchange.sent.monotonic_ns - self._needs_ns
         self._excess_ns = max(excess_ns, self._excess_ns * EXCESS_KEPT)

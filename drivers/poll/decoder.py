@@ -1,7 +1,7 @@
-"""Raw frames of a servo line → samples, temperatures and events. No port, no clock of its own.
+"""Decodes raw frames of a servo line to samples, temperatures and events, without port or clock.
 
-Sent frames say what was asked and when; whatever else the driver found out comes as notes, frames
-of direction "link", so that a recording replays to the same samples, bit by bit.
+Sent frames show what was requested and when. Other facts that the driver knows come as notes,
+frames of direction "link", so that a recording replays to the same samples, bit by bit.
 """
 
 from __future__ import annotations
@@ -27,23 +27,25 @@ from armd.drivers.unwrap import load_compiled
 
 CHANNEL = "poll"
 COUNTED = ("missed", "late", "foreign", "repeated", "refused", "echoes", "unasked")
-OVER = b'{"note": "over"}'  # no more answers to the last request; another request says the same
-BITS = 10  # of a byte on the line: start, eight, stop
+OVER = b'{"note": "over"}'  # no more answers to the last request; a new request means the same
+BITS = 10  # bits of a byte on the line: start, eight, stop
 
 
 def encode_note(**fields: Any) -> bytes:
-    """Data of a "link" frame: {"note": "up", "down", "one_by_one", "missing", "verdict", "foreign",
-    "state"}."""
+    """Encode a note as data of a "link" frame.
+
+    {"note": "up", "down", "one_by_one", "missing", "verdict", "foreign", "told", "state"}.
+    """
     return json.dumps(fields).encode()
 
 
 class ServoDecoder:
-    """Feed it every `RawFrame` of a line in order, sent ones too."""
+    """Decodes every `RawFrame` of a line in order, sent ones too."""
 
     def __init__(self, config: ServoConfig, expectation: Expectation) -> None:
         self.family = family = FAMILIES[config.kind]
         self.last_sample_ns: int | None = None  # arrival, host monotonic
-        self.last_heard_ns: int | None = None  # of anybody who was asked
+        self.last_heard_ns: int | None = None  # arrival of the last answer, host monotonic
         self.exchange: Exchange | None = None  # the one whose answers may still come
         self.one_by_one = OneByOne(always=not family.has_sync)
         self._gathered: GatheredCycle | None = None  # the cycle that is being read one by one
@@ -54,7 +56,7 @@ class ServoDecoder:
         self._trigger = config.trigger
         sensors = config.ids if config.temperature_ids is None else config.temperature_ids
         sensors = sensors[: expectation.n_sensors]
-        #: whom a cycle asks, and whom one that wants temperatures does
+        #: the servos of a cycle, and those of a cycle that also reads temperatures
         self.cycle_ids = self.joints
         if self._trigger is not None and self._trigger.id not in self.joints:
             self.cycle_ids += (self._trigger.id,)
@@ -69,20 +71,20 @@ class ServoDecoder:
         self._sampler = ServoSampler(config.ids, config.max_joint_rate_deg_s)
         self._warmth = Warmth(sensors, self.roster.name, family.register("temperature"))
         self._splitter = family.splitter()
-        self._request_splitter = family.splitter()  # of what we say
-        self._requests: dict[bytes, ReadRequest | None] = {}  # what it means, by packet
-        self._sizes = self._other_sizes = range(0)  # of answers to the last requests
-        self._number = -1  # of the present cycle
-        self._settled = False  # it is known whose arm this is
+        self._request_splitter = family.splitter()  # splits our requests
+        self._requests: dict[bytes, ReadRequest | None] = {}  # the meaning of each packet
+        self._sizes = self._other_sizes = range(0)  # sizes of answers to the last requests
+        self._number = -1  # number of the present cycle
+        self._settled = False  # the arm's identity is known
         self.counted: Counter[str] = Counter()
         self._missed: Counter[int] = Counter()
         self._last_answers: Said = {}
-        self._under_way: list[RawFrame] = []  # frames of the exchange that is open
+        self._under_way: list[RawFrame] = []  # frames of the open exchange
         self._before = (-1, False)  # number and broken chain when it began
 
     @property
     def counters(self) -> dict[str, int]:
-        """Cycles delivered, cycles and answers that were not, and every other kind of byte."""
+        """The number of cycles delivered, of cycles and answers that were not, and other bytes."""
         missed = {f"servo_{servo}_missed": n for servo, n in sorted(self._missed.items())}
         return {name: self.counted[name] for name in COUNTED} | {
             "samples": self._sampler.delivered,
@@ -95,16 +97,16 @@ class ServoDecoder:
 
     @property
     def accepted(self) -> bool:
-        """Whoever answers belongs to our arm, as it was when its geometry was found."""
+        """Whether the servos are those of the expected arm, with the geometry that was accepted."""
         roster = self.roster
         return self._settled and bool(roster.servos) and not (roster.changed or roster.foreign)
 
     def warm_up(self) -> None:
-        """Compile, or load from the cache: before the first sample, not while it waits."""
+        """Compile the decoder, or load it from the cache, before the first sample arrives."""
         load_compiled()
 
     def preamble(self) -> list[RawFrame]:
-        """What a fresh decoder must be fed to go on from here."""
+        """Return the frames from which a fresh decoder continues."""
         if not self._under_way or not self._settled:
             return []
         under_way = self._under_way if self.exchange or self._gathered else []
@@ -126,7 +128,7 @@ class ServoDecoder:
         return [began, *under_way]
 
     def feed(self, frame: RawFrame) -> list[Item]:
-        """What *frame* completes."""
+        """Decode *frame*; return the items that it completes."""
         if frame.direction == "rx":
             self._under_way.append(frame)
             return self._receive(frame)
@@ -149,7 +151,7 @@ class ServoDecoder:
         if self._gathered is None:
             self._before, self._under_way = (self._number, self.chain_broken), []
         self._under_way.append(frame)
-        if request is None:  # a write: its answers say nothing that is not read again
+        if request is None:  # a write: its effect is read back later
             return items
         retry, self.chain_broken = self.chain_broken and not request.fast, False
         if request.address == self.family.position and not retry and self._gathered is None:
@@ -164,7 +166,7 @@ class ServoDecoder:
         sizes = self.family.sizes(request)
         if sizes != self._sizes:
             self._other_sizes, self._sizes = self._sizes, sizes
-        # A late answer is known by its size.
+        # The size identifies a late answer.
         self._splitter.sizes = {len(frame.data), *self._sizes, *self._other_sizes}
         return items
 
@@ -179,11 +181,11 @@ class ServoDecoder:
                 status.id for status in statuses if is_contradiction(status, self._last_answers)
             }
             return [*self.roster.contradicted(twice, frame.monotonic_ns)]
-        self.exchange.take(packets, frame.monotonic_ns)  # what it tells is said at its end
+        self.exchange.take(packets, frame.monotonic_ns)  # its items follow when it is closed
         return []
 
     def _close(self, frame: RawFrame) -> list[Item]:
-        """No further answer belongs to the exchange: what it has told."""
+        """Close the exchange, as no further answer belongs to it; return its items."""
         exchange, self.exchange = self.exchange, None
         if exchange is None:
             self._splitter.flush()
@@ -231,7 +233,7 @@ class ServoDecoder:
     def _cycle(self, exchange: Exchange | GatheredCycle) -> list[Item]:
         request = exchange.request
         self.chain_broken = request.fast and not exchange.answers
-        if self.chain_broken:  # it took others' answers away: the same cycle is asked once more
+        if self.chain_broken:  # a missing servo ended the packet: request the cycle again
             return []
         now_ns = exchange.sent.monotonic_ns
         items: list[Item] = []
@@ -295,7 +297,7 @@ class ServoDecoder:
         at_ns: int,
         unix_minus_monotonic_ns: int,
     ) -> list[Item]:
-        """What the cycle before told, NaN of those who do not answer now."""
+        """Return the temperatures of the cycle before; NaN for servos that do not answer now."""
         items = self._warmth.reading(silent, self.roster.doubles, at_ns, unix_minus_monotonic_ns)
         if exchange.request.length >= self.family.warm_bytes:
             for servo in exchange.answers.keys() - silent:

@@ -1,7 +1,7 @@
-"""The servo driver: a port that may vanish, and one request at a time on it.
+"""The servo driver: opens and reads a port that may vanish, with one request at a time on it.
 
-One loop within `read` follows the table of `states.py`. The next request is on the line before
-anybody looks at what the last one brought.
+One loop within `read` follows the table of `states.py`. The next request is sent before the answers
+to the last one are decoded.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from armd.drivers.sample import Item, RawFrame
 from armd.drivers.shell import SerialShell
 from armd.drivers.waiting import has_bytes
 
-WRITE_NS = 10_000_000  # what a servo needs to keep a register, and to say so
-#: On a pseudo-terminal after a request: a kernel thread without any priority carries it, and would
-#: wait until we have decoded what came before.
+WRITE_NS = 10_000_000  # the time that a servo needs to store a register and to answer
+#: A pause after a request on a pseudo-terminal: a kernel thread of low priority carries it, and
+#: would otherwise wait until the earlier answers are decoded.
 CARRIED_S = 30e-6
 
 
 class ServoDriver(SerialShell[ServoDecoder]):
-    """See `armd.drivers.sample.Driver`."""
+    """The driver of servo arms; see `armd.drivers.sample.Driver`."""
 
     DOWN = encode_note(note="down")
 
@@ -45,14 +45,14 @@ class ServoDriver(SerialShell[ServoDecoder]):
             config, self._decoder, self._plan, expectation.serial_number
         )
         self._answers = Answers(self._decoder)
-        self._packets: dict[ReadRequest, bytes] = {}  # those that were asked for
+        self._packets: dict[ReadRequest, bytes] = {}  # the packets of requests
         self._blocked_until_ns = 0
-        self._next: ReadRequest | None = None  # the next cycle's, should the present one complete
+        self._next: ReadRequest | None = None  # the next cycle's request, chosen ahead
         self._ahead = b""  # its packet
         self._pause_s = 0.0  # after it
-        self._answered_ns: int | None = None  # when a servo was heard last
-        self._strange_bytes = 0  # that have come since then
-        self._echoes = 0  # that had come by then
+        self._answered_ns: int | None = None  # when a servo last answered
+        self._strange_bytes = 0  # bytes since then that are no answers
+        self._echoes = 0  # echoes until then
 
     @property
     def hindrance(self) -> str:
@@ -89,7 +89,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
 
     @property
     def _exchange(self) -> Exchange:
-        """The open one; there is one while answers are waited for, and when they are here."""
+        """The open exchange; there is one while answers are awaited, and when they are complete."""
         assert self._decoder.exchange is not None
         return self._decoder.exchange
 
@@ -126,7 +126,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         return items
 
     def _give_up(self, now_ns: int) -> list[Item]:
-        """Nothing has come for too long."""
+        """Close the exchange: no byte has come for too long."""
         exchange = self._exchange
         self._decode()
         items = self._close_exchange()
@@ -147,7 +147,9 @@ class ServoDriver(SerialShell[ServoDecoder]):
     # --- asking --------------------------------------------------------------------------------
 
     def _send_due(self, port: serial.Serial, now_ns: int) -> list[Item]:
-        """A write or a request, if one is due; the items of what it closes."""
+        """Send a write or a request, if one is due; return the items of the exchange that it
+        closes.
+        """
         items: list[Item] = []
         question: ReadRequest | None = None
         if not self._plan.within_cycle:
@@ -174,14 +176,14 @@ class ServoDriver(SerialShell[ServoDecoder]):
         return self._note_sent(sent)
 
     def _note_sent(self, sent: RawFrame) -> list[Item]:
-        """A request went out; the items of the exchange that it closes."""
+        """Record a request that was sent; return the items of the exchange that it closes."""
         self._follow(LineEvent.SENT)
         items = self._take(sent)
         self._answers.begin(self._exchange)
         return items
 
     def _look_ahead(self, now_ns: int) -> None:
-        """While answers are under way: what to ask as soon as the last of them is here."""
+        """Choose, while answers arrive, the request that follows them at once."""
         if self._next is not None or not self._exchange.is_cycle:
             return
         if self._plan.within_cycle or self._acquaintance.idle:
@@ -225,7 +227,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
 
     def close(self) -> None:
         self._follow(LineEvent.LOST)
-        self._answers.take()  # no bytes of this connection among the next one's
+        self._answers.take()  # the next connection must not get bytes of this one
         super().close()
 
     def _hang_up(self) -> None:
@@ -237,7 +239,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
     def _received(self, port: serial.Serial, data: bytes) -> list[Item]:
         clock, sent, is_full = self._time.now(), None, False
         if self._next is not None and self._answers.are_completed_by(data, self._exchange):
-            # The line waits for this: all else can be done while the next answers come.
+            # The line is idle until then: all else can wait until the next answers come.
             sent = self._write(port, self._ahead)
             is_full = sent is None
             if self._pause_s:
@@ -256,19 +258,21 @@ class ServoDriver(SerialShell[ServoDecoder]):
             return []
         self._follow(LineEvent.COMPLETE)
         self._answers.note_complete(exchange)
-        if is_full:  # a part of a packet is on it: another one must not follow at once
+        if is_full:  # a part of a packet was sent: no packet may follow at once
             self._block(clock[0])
             self._next = None
         items = self._ask_next(port, exchange, sent, clock[0])
-        if self._decoder.exchange is exchange:  # else the next request has closed it
+        if self._decoder.exchange is exchange:  # otherwise the next request has closed it
             items += self._close_exchange()
         return self._heard(items)
 
     def _ask_next(
         self, port: serial.Serial, exchange: Exchange, sent: RawFrame | None, now_ns: int
     ) -> list[Item]:
-        """After *exchange*: the request that was chosen ahead, which may be *sent*, or what is due
-        after a cycle."""
+        """Send the request that was chosen ahead (*sent*: already done), or the one due now.
+
+        *exchange* is complete. Returns the items of the exchange that is closed.
+        """
         request, self._next = self._next, None
         if request is None:
             self._plan.ended(exchange, exchange.complete, now_ns)
@@ -280,6 +284,6 @@ class ServoDriver(SerialShell[ServoDecoder]):
         return items
 
     def _decode(self) -> None:
-        """What has been received; what it tells is said at the exchange's end."""
+        """Decode the received frames; their items follow at the end of the exchange."""
         for frame in self._answers.take():
             self._take(frame)

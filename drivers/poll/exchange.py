@@ -1,9 +1,9 @@
-"""One request and what came back for it: which bytes are its answers, and when each servo answered.
+"""One request and its answers: finds the answers, and estimates when each servo measured.
 
-Servos answer one after the other, each in a slot of its own. The request bounds the slots from
-below, what arrives (batched by USB) from above; the middle is taken. A servo's position is taken
-to be that at the beginning of its own answer: when exactly a servo samples is documented nowhere;
-at the most it is one slot earlier, and one run of the servo's own 1 ms loop.
+Servos answer one after the other, each in its own slot. The request bounds the slots from below,
+the arrivals (batched by USB) from above; the middle is taken. A servo's position is assumed to be
+that at the beginning of its own answer. No document states when a servo samples. It may be earlier
+by at most one slot and one period of the servo's own 1 ms loop.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from armd.drivers.poll.protocol.family import Family
 from armd.drivers.poll.protocol.packet import Packet, ReadRequest, Status
 from armd.drivers.sample import RawFrame
 
-#: What servos have answered, by their id and how many bytes they were asked for last.
+#: The last answers of servos, by id and number of requested bytes.
 Said = dict[tuple[int, int], Status]
 
 
 class TimedStatus:
-    """A servo's status and when its last byte had arrived."""
+    """A servo's status and the arrival of its last byte."""
 
     __slots__ = ("arrived_ns", "status")
 
@@ -30,8 +30,11 @@ class TimedStatus:
 
 
 class Exchange:
-    """Open while answers may come. A late answer to an earlier request has another length than
-    this one's answers have, because no two requests in a row ask for the same."""
+    """A request that is open while answers may come.
+
+    A late answer to an earlier request has another length than this one's answers, because no two
+    successive requests ask for the same length.
+    """
 
     def __init__(
         self,
@@ -42,13 +45,16 @@ class Exchange:
         last_answers: Said,
         other_ids: Container[int],
     ) -> None:
-        """*last_answers*: what the servos answered to the requests before this one; *other_ids*:
-        ids that other requests ask."""
+        """Open the exchange of *request*.
+
+        *last_answers*: the servos' answers to the requests before this one; *other_ids*: ids that
+        other requests ask.
+        """
         self.request = request
         self.sent = sent
         self.answers: dict[int, TimedStatus] = {}
-        self.doubtful: set[int] = set()  # two answers that differ: which is it?
-        #: who had answered an earlier request, and now does once more, in other words
+        self.doubtful: set[int] = set()  # servos with two answers that differ
+        #: servos that answered an earlier request again, and differently
         self.contradicted: set[int] = set()
         self._last_answers = last_answers
         self._other_ids = other_ids
@@ -56,7 +62,7 @@ class Exchange:
         self._counted = counted
 
     def note(self) -> None:
-        """It is over: of whom another answer is a second one, and of whom it is only late."""
+        """Record the answers at the end, to distinguish later second answers from late ones."""
         length = self.request.length
         for servo in self.request.ids:
             self._last_answers.pop((servo, length), None)
@@ -78,7 +84,7 @@ class Exchange:
 
     def take(self, packets: list[Packet], arrived_ns: int) -> None:
         for packet in packets:
-            if packet.raw == self.sent.data:  # some adapters hear what they say
+            if packet.raw == self.sent.data:  # some adapters echo what they send
                 self._counted["echoes"] += 1
                 continue
             for status in self._family.statuses(packet, self.request.length):
@@ -103,8 +109,10 @@ class Exchange:
                 self.doubtful.add(status.id)
 
     def instants(self, byte_ns: float, gaps_ns: Sequence[float]) -> list[float]:
-        """Of each servo's position, in the order in which they were asked. *gaps_ns*: the pauses
-        before their answers."""
+        """Return the instant of each servo's position, in the order of the request.
+
+        *gaps_ns*: the pauses before their answers.
+        """
         request = self.request
         arrived = [
             None if (answer := self.answers.get(servo)) is None else answer.arrived_ns
@@ -115,8 +123,10 @@ class Exchange:
         return compute_instants(self.sent.monotonic_ns, request_ns, arrived, size_ns, gaps_ns)
 
     def late_ns(self, byte_ns: float, gaps_ns: Sequence[float]) -> int:
-        """How long after the line's own time the last answer was here: within so long, and no
-        closer, the instants are known."""
+        """Return how much later than the line's own time the last answer came.
+
+        The instants are known only within this time.
+        """
         request = self.request
         n_bytes = len(self.sent.data) + len(self.answers) * self._family.answer_bytes(request)
         needs_ns = n_bytes * byte_ns + sum(
@@ -128,19 +138,19 @@ class Exchange:
 
     @property
     def heard_ns(self) -> int:
-        """When the last of its answers had arrived; there must be one."""
+        """The arrival of its last answer; there must be one."""
         return max(answer.arrived_ns for answer in self.answers.values())
 
 
 class GatheredCycle:
-    """The exchanges of a cycle whose servos are read one by one; as an `Exchange` to the decoder.
+    """The exchanges of a cycle whose servos are read one by one; used like an `Exchange`.
 
     Each servo's instant comes from its own exchange. The sampler moves all joints to the first of
     these instants, as after a sync read, over a longer time: see docs/reference/servo.md.
     """
 
     def __init__(self, first: ReadRequest, sent: RawFrame, ids: tuple[int, ...]) -> None:
-        """*first*: the cycle's first request, *sent* in that frame; *ids*: all that it asks."""
+        """Take the cycle's *first* request, *sent* in that frame; *ids*: all its servos."""
         self.request = first._replace(ids=ids, is_single=False)
         self.sent = sent
         self.answers: dict[int, TimedStatus] = {}
@@ -148,7 +158,7 @@ class GatheredCycle:
         self._exchanges: dict[int, Exchange] = {}
 
     def lacks(self, request: ReadRequest | None) -> bool:
-        """Whether *request* asks for a part of this cycle that is still missing."""
+        """Return whether *request* asks for a part of this cycle that is still missing."""
         return (
             request is not None
             and request.is_single
@@ -158,7 +168,7 @@ class GatheredCycle:
         )
 
     def add(self, exchange: Exchange) -> None:
-        """*exchange* is closed."""
+        """Add *exchange*, which is closed."""
         self._exchanges[exchange.request.ids[0]] = exchange
         self.answers.update(exchange.answers)
         self.doubtful |= exchange.doubtful
@@ -173,7 +183,7 @@ class GatheredCycle:
         return max(answer.arrived_ns for answer in self.answers.values())
 
     def instants(self, byte_ns: float, gaps_ns: Sequence[float]) -> list[float]:
-        """As `Exchange.instants`; of a servo without an answer, when it could have answered."""
+        """Return each servo's instant; for a missing answer, when it could have come."""
         at_ns: list[float] = []
         here_ns = float(self.sent.monotonic_ns)
         for servo, gap_ns in zip(self.request.ids, gaps_ns, strict=True):
@@ -187,8 +197,10 @@ class GatheredCycle:
         return at_ns
 
     def late_ns(self, byte_ns: float, gaps_ns: Sequence[float]) -> int:
-        """As `Exchange.late_ns`, the largest of all exchanges; or the longest time that the host
-        let pass between an answer and the next request, as that spreads the joints' instants."""
+        """Return the largest `Exchange.late_ns`, or the host's longest pause if that is longer.
+
+        A pause between an answer and the next request spreads the joints' instants.
+        """
         late_ns: list[int] = []
         before: Exchange | None = None
         for servo, gap_ns in zip(self.request.ids, gaps_ns, strict=True):
@@ -202,7 +214,7 @@ class GatheredCycle:
 
 
 def is_contradiction(status: Status, last_answers: Said) -> bool:
-    """Whether its sender has answered that request before, and said something else."""
+    """Return whether the servo has answered that request before, with another answer."""
     return last_answers.get((status.id, len(status.data)), status) != status
 
 
@@ -213,12 +225,12 @@ def compute_instants(
     size_ns: float,
     gaps_ns: Sequence[float],
 ) -> list[float]:
-    """The instant of each servo's position, in the order in which they were asked.
+    """Compute the instant of each servo's position, in the order of the request.
 
-    *sent_ns*: when the request went out, which takes *request_ns*; *arrived_ns*: of each answer's
-    last byte, None for one that did not come (its slot is skipped; one must have come); *size_ns*:
-    how long an answer takes; *gaps_ns*: the pause before each, at least. Each is the middle between
-    the earliest that these allow and the latest.
+    *sent_ns*: when the request was sent, which takes *request_ns*; *arrived_ns*: arrival of each
+    answer's last byte, None for one that did not come (its slot is skipped; one must have come);
+    *size_ns*: the duration of an answer; *gaps_ns*: the least pause before each. Each instant is
+    the middle between the earliest and the latest that these allow.
     """
     last = max(j for j, arrived in enumerate(arrived_ns) if arrived is not None)
     end: float = max(arrived for arrived in arrived_ns if arrived is not None)
@@ -231,7 +243,7 @@ def compute_instants(
             continue
         begins[j] = min(end, arrived) - size_ns
         end = begins[j] - gaps_ns[j]
-    # A line faster than it claims to be (a pseudo-terminal): within what is known for certain.
+    # A line faster than its baud rate (a pseudo-terminal): stay within the certain bounds.
     early = sent_ns - begins[0]
     if early > 0:
         shrink = (anchor - sent_ns) / (anchor - begins[0])

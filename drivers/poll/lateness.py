@@ -1,34 +1,40 @@
-"""By how much the instants of a cycle are in doubt: where the host or the adapter stood still,
-nobody can tell whether it was before the request went out or after the answers were here."""
+"""The uncertainty of a cycle's instants, from the lateness of its answers.
+
+If the host or the adapter paused, it may have been before the request was sent or after the answers
+arrived.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 
-#: An adapter's own time is less: it delivers at intervals of 1 ms, or of an eighth of that;
-#: requests wait for one of them, and answers for another.
+#: An adapter delays less than this: it works at intervals of 1 ms, or of an eighth of that, and
+#: requests wait for one interval, answers for another.
 IN_DOUBT_NS = 2_000_000.0
-REMEMBERED = 101  # cycles of which the quickest twentieth tell whether the line has a pace
+REMEMBERED = 101  # number of cycles; the quickest twentieth shows whether the line has a pace
 
 
 class Lateness:
-    """How much later than the line needs the answers are here. An instant lies in the middle of
-    what request and answers allow, so it is in doubt by half of that, even where every cycle is as
-    late: a delay that is always the same may still be before the servos or behind them."""
+    """The time by which answers arrive later than the line needs.
+
+    An instant is the middle of the interval that request and answers allow. So it is uncertain by
+    half of the lateness, even where every cycle is equally late: a constant delay may be before the
+    servos or behind them.
+    """
 
     def __init__(self) -> None:
-        self.seen_ns: deque[int] = deque(maxlen=REMEMBERED)  # of the last cycles
+        self.seen_ns: deque[int] = deque(maxlen=REMEMBERED)  # lateness of the last cycles
 
     def add(self, late_ns: int) -> None:
-        """The answers of a cycle came so late."""
+        """Record the lateness of a cycle."""
         self.seen_ns.append(late_ns)
 
     def doubt_ns(self, late_ns: int) -> float:
-        """By how much the instants of a cycle are in doubt whose answers came *late_ns* after the
-        line's own time, which has been `seen`; 0 within an adapter's own time.
+        """Return the uncertainty of a cycle's instants; 0 within an adapter's own time.
 
-        On a line whose bytes take no time (a pseudo-terminal) answers are usually here before
-        that: there its own time bounds nothing.
+        *late_ns*: lateness of its answers, already added to `seen_ns`. On a line whose bytes take
+        no time (a pseudo-terminal), answers usually arrive before the line's own time, so that time
+        bounds nothing.
         """
         usual_ns = sorted(self.seen_ns)[len(self.seen_ns) // 20]
         doubt_ns = (late_ns - min(0, usual_ns)) / 2

@@ -1,9 +1,9 @@
-"""Which request a servo line is asked next. No port, no clock.
+"""Chooses the next request of a servo line. No port, no clock.
 
-Three kinds of exchange take turns. The acquaintance asks who the servos are, before the first cycle
-and after each write. A side question asks some servos what they complain of, or whether they are
-still the same. A cycle reads all angles, and the temperatures where these are due. Each waits for
-those before it, but a cycle that is read one by one is finished first.
+There are three kinds of exchange. The acquaintance identifies the servos, before the first cycle
+and after each write. A side question asks some servos for the reason of an alert, or whether they
+are still the same. A cycle reads all angles, and the temperatures where these are due. Each kind
+waits for those before it, but a cycle that is read one by one is finished first.
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ from armd.drivers.poll.exchange import Exchange
 from armd.drivers.poll.protocol.packet import ReadRequest
 
 WARM_EVERY_NS = 500_000_000
-RECHECK_EVERY_NS = 500_000_000  # one servo after the other says again who it is
+RECHECK_EVERY_NS = 500_000_000  # one servo after the other is identified again
 EXPLAIN_EVERY_NS = 1_000_000_000
 STRANGER_EVERY_NS = 50_000_000
 FAST_AGAIN_NS = 10_000_000_000
-CALM_CYCLES = 4  # complete ones, after which an answer can only be late by one
+CALM_CYCLES = 4  # after this many complete cycles, an answer can be late by one only
 
 
 class RequestPlan:
-    """Chooses the requests of one connection."""
+    """The requests of one connection, in their order."""
 
     def __init__(self, decoder: ServoDecoder, period_ns: int) -> None:
-        """*period_ns* of the cycles; 0: as fast as the line allows."""
+        """Take the decoder, and the *period_ns* of the cycles; 0: as fast as the line allows."""
         self._decoder = decoder
         self._period_ns = period_ns
-        self._extra = 0  # bytes asked for beyond those wanted: no two cycles ask for as many
+        self._extra = 0  # extra bytes: successive cycles must differ in length
         self._calm = CALM_CYCLES
-        self._turn = 0  # of those that can only be asked one by one
+        self._turn = 0  # counter of servos that are asked one by one
         self.restart(0)
 
     def restart(self, now_ns: int) -> None:
-        """Another connection."""
+        """Begin another connection."""
         self.due_ns = now_ns  # the next cycle
         self._side: ReadRequest | None = None  # a side question that is due
         self._warm_due_ns = now_ns
@@ -47,16 +47,16 @@ class RequestPlan:
         self._fast_worked = False
         self._fast_from_ns = now_ns
         self._asked_fast = self._asked_warm = False
-        self._remaining: list[ReadRequest] = []  # of a cycle that is read one by one
-        self._is_complete = True  # nobody has failed to answer in it so far
+        self._remaining: list[ReadRequest] = []  # the rest of a cycle that is read one by one
+        self._is_complete = True  # every servo asked in it so far has answered
 
     @property
     def within_cycle(self) -> bool:
-        """Whether other servos of the same cycle are to be asked next."""
+        """Whether other servos of the same cycle must be asked next."""
         return bool(self._remaining)
 
     def take_due(self, now_ns: int, question: ReadRequest | None) -> ReadRequest | None:
-        """The request that is due, which counts as sent; *question*: the acquaintance's."""
+        """Return the request that is due, as sent; *question*: that of the acquaintance, if any."""
         if not self._remaining:
             question = question or self._side or self._side_question(now_ns)
             self._side = None
@@ -71,8 +71,10 @@ class RequestPlan:
         return request
 
     def look_ahead(self, now_ns: int) -> ReadRequest | None:
-        """While a cycle's answers come, and the acquaintance is idle: the cycle to ask as soon as
-        the last of them is here; None where something else is due before it."""
+        """Return the cycle to request as soon as the present one's last answer is here.
+
+        None where something else is due before it. The acquaintance must be idle.
+        """
         if not self._remaining:
             if self._period_ns or self._side is not None:
                 return None
@@ -87,25 +89,28 @@ class RequestPlan:
             self.due_ns = max(self.due_ns, now_ns - late) + self._period_ns
 
     def select(self, servos: Sequence[int]) -> tuple[int, ...]:
-        """Those of *servos* that the next request can ask: all, or one after the other."""
+        """Return the *servos* that the next request can ask: all, or one after the other."""
         if not self._decoder.one_by_one.active:
             return tuple(servos)
         self._turn += 1
         return (servos[self._turn % len(servos)],)
 
     def identity(self, servos: Sequence[int]) -> ReadRequest:
-        """Who are you? *servos* as selected."""
+        """Return the request that identifies *servos*, as selected."""
         if self._decoder.one_by_one.active:
             return self.identity_alone(servos[0])
         return ReadRequest(tuple(servos), 0, self._decoder.family.identity_bytes)
 
     def identity_alone(self, servo: int) -> ReadRequest:
-        """The same, of one that may not know sync reads. It asks for another length, so that a
-        late answer to a sync read does not pass for an answer to this."""
+        """Return the request that identifies one servo, which may not know sync reads.
+
+        It asks for another length, so that a late answer to a sync read does not count as its
+        answer.
+        """
         return ReadRequest((servo,), 0, self._decoder.family.identity_bytes + 1, is_single=True)
 
     def _side_question(self, now_ns: int) -> ReadRequest | None:
-        """What is due besides the cycles."""
+        """Return the request that is due besides the cycles, if there is one."""
         roster, family = self._decoder.roster, self._decoder.family
         if suspects := roster.suspects & roster.servos.keys():
             selected = self.select(sorted(suspects))
@@ -131,8 +136,10 @@ class RequestPlan:
         return None
 
     def cycle(self, now_ns: int) -> ReadRequest:
-        """All positions, and the temperatures where these are due; `note_sent` reports that it went
-        out. One by one: the part that is next."""
+        """Return the request of all positions, and of the temperatures where these are due.
+
+        One by one, it is the next part. `note_sent` reports that it was sent.
+        """
         if self._remaining:
             return self._remaining[0]
         decoder, family = self._decoder, self._decoder.family
@@ -158,7 +165,7 @@ class RequestPlan:
         return family.position_bytes + self._decoder.one_by_one.active
 
     def note_sent(self, request: ReadRequest, now_ns: int) -> None:
-        """A cycle went out."""
+        """Record that a cycle was sent."""
         if self._remaining:
             del self._remaining[0]
             return
@@ -174,8 +181,10 @@ class RequestPlan:
             decoder.roster.wants_warmth = False
 
     def ended(self, exchange: Exchange, complete: bool, now_ns: int) -> None:
-        """The answers of *exchange* have come, or will not; what it was besides a cycle counts for
-        nothing here."""
+        """Record that *exchange* has ended, *complete* or not.
+
+        Only cycles count here.
+        """
         if not exchange.is_cycle:
             return
         self._is_complete = complete = self._is_complete and complete
@@ -190,9 +199,9 @@ class RequestPlan:
             self._fast_worked, self._fast_failures = True, 0
             return
         self._fast_failures += 1
-        if self._asked_warm:  # whatever was asked is asked again
+        if self._asked_warm:  # the temperatures are requested again
             self._warm_due_ns = now_ns
         if self._fast_failures >= 3:
             self._fast_failures = 0
-            # Firmware that does not know it will not learn it.
+            # Firmware that does not know Fast Sync Read never will.
             self._fast_from_ns = now_ns + (FAST_AGAIN_NS if self._fast_worked else 10**15)

@@ -1,4 +1,4 @@
-"""The answers of one cycle → one sample: every joint moved to the row's instant, and unwrapped."""
+"""Turns the answers of one cycle into a sample: joints moved to the row's instant, unwrapped."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from armd.drivers.sample import Event, Item, SampleArray, sample_dtype
 from armd.drivers.unwrap import MARGIN_COUNTS, Unwrapper
 
 HALF_TURN = COUNTS_PER_TURN // 2
-#: A motion too slow to be seen in this time moves by no more than a few counts in a stall.
+#: A motion that is not visible in this time covers only a few counts during a stall.
 PAST_NS = 20_000_000
-TOLD_EVERY_NS = 60_000_000_000  # that cycles are left out
-#: Nothing for so long, and for so many times the usual: how fast joints moved before says nothing.
+TOLD_EVERY_NS = 60_000_000_000  # interval of events about skipped cycles
+#: After a pause of this time, and of this many usual spacings, earlier speeds of joints are void.
 PAUSE_NS, PAUSE_CYCLES = 100_000_000, 4
-#: However long ago a joint was read last: if it has gone farther than it can in this time (and in
-#: so many usual cycles) it has leapt. It may have; another homing offset would look like that too.
+#: A joint has leapt if it has moved farther than it can in this time (and in this many usual
+#: cycles), whenever it was read last. The motion may be real, or due to another homing offset.
 LEAP_NS, LEAP_CYCLES = 5_000_000, 2
-#: Usual is the quickest of so many spacings: one stall beside another is none (decision 12).
+#: The usual spacing is the shortest of this many: of two stalls, the second is none (decision 12).
 USUAL_OF = 4
-#: To leap, a joint has the quickest of so many cycles at the most, or of those before them: a host
-#: that is busy for seconds makes every cycle slow, and another offset would pass for a motion.
+#: The limit of a leap uses at most the shortest spacing of this many cycles, or of those before. A
+#: host that is busy for seconds makes every cycle slow, and a new offset would look like a motion.
 QUICKEST_OF = 500
 AGES_NS = 1e18  # longer than any spacing, and a number in JSON
 
 
 class Cycle(NamedTuple):
-    """What a cycle brought; see `ServoSampler.sample`."""
+    """The content of a cycle; see `ServoSampler.sample`."""
 
     number: int
     positions: Sequence[int | None]
@@ -45,20 +45,20 @@ class Cycle(NamedTuple):
 
 
 class ServoSampler:
-    """Makes one `SampleArray` of each cycle in which somebody answered."""
+    """Makes one `SampleArray` of each cycle in which a servo answered."""
 
     def __init__(self, ids: Sequence[int], max_joint_rate_deg_s: float) -> None:
         self.delivered = 0
-        self.lost = 0  # cycles in which nobody answered, or nobody knows at which instant
-        self.untimed = 0  # of these: the latter
+        self.lost = 0  # cycles without any answer, or whose instant is uncertain
+        self.untimed = 0  # number of the latter
         self.jumped = 0  # bits of joints whose counts jumped in the last row
-        self.leapt = 0  # and of those that are to be asked who they are before they count
+        self.leapt = 0  # bits of joints that must be identified again first
         n = len(ids)
         self._lateness = Lateness()
-        #: the first cycle of a motion that nobody knows: the second tells how fast it was
+        #: the first cycle after a pause: the second one shows its speed
         self._pending: Cycle | None = None
-        self._heard_ns = 0.0  # the last cycle
-        self._spacings_ns: deque[float] = deque(maxlen=USUAL_OF)  # before it
+        self._heard_ns = 0.0  # instant of the last cycle
+        self._spacings_ns: deque[float] = deque(maxlen=USUAL_OF)  # spacings before it
         self._quickest_ns = [AGES_NS, AGES_NS]  # of `QUICKEST_OF` cycles, and of those since
         self._since = 0
         self._counts_per_ns = COUNTS_PER_TURN * max_joint_rate_deg_s / 360e9
@@ -68,12 +68,12 @@ class ServoSampler:
         )
         self._raw = np.zeros((1, n), np.int64)
         self._last: list[tuple[int, float] | None] = [None] * n  # count and instant
-        #: all counts one `PAST_NS` before the last row at the least, and since
+        #: all counts at least one `PAST_NS` before the last row, and since
         self._past: list[list[int]] = [[0] * n, [0] * n]
         self._past_ns = 0
-        self._first_ns: int | None = None  # where the arm's own time begins
+        self._first_ns: int | None = None  # the origin of `device_ns`
         self._next_number: int | None = None
-        self._told_ns: int | None = None  # when an untimed cycle was told of last
+        self._told_ns: int | None = None  # when an untimed cycle was last reported
         self._buttons = 0
         names = [f"joint {k} (servo {servo})" for k, servo in enumerate(ids, 1)]
         self._silence_watch = JointWatch(
@@ -92,14 +92,15 @@ class ServoSampler:
         warned: int,
         pressed: bool | None,
     ) -> list[Item]:
-        """The sample of cycle *number*, after the events its joints give rise to; after a pause
-        those of two cycles at the second of them.
+        """Return the sample of cycle *number*, after the events of its joints.
 
-        *positions* (N,) as the servos told them, at the instants *at_ns* (N,), the first of which
-        is the row's; where these are in doubt, as they came *late_ns* after the line's own time,
-        and a joint moves, nobody knows where it was at any instant, and the cycle counts as lost;
-        bits of joints that are *unusable* though they answer, and of those that *warned*;
-        *pressed*: the button, None if unheard.
+        After a pause, the second cycle returns the samples of both.
+
+        *positions* (N,) are raw counts at the instants *at_ns* (N,), the first of which is the
+        row's. *late_ns*: lateness of the answers. If it makes the instants uncertain and a joint
+        moves, the cycle counts as lost, because the positions have no known instant. *unusable*:
+        bits of joints that answer but are not valid; *warned*: bits of joints that warn; *pressed*:
+        the button, None without an answer.
         """
         cycle = Cycle(
             number, positions, at_ns, late_ns, unix_minus_monotonic_ns, unusable, warned, pressed
@@ -113,7 +114,7 @@ class ServoSampler:
             raw = [
                 None if position is None else position - HALF_TURN for position in first.positions
             ]
-            leapt = self._leaps(raw, first.at_ns, spacing_ns)  # over the pause
+            leapt = self._leaps(raw, first.at_ns, spacing_ns)  # during the pause
             self._begin(first, cycle)
             return [*self._row(first, 0.0, leapt), *self._row(cycle, spacing_ns, leapt)]
         usual_ns = min(self._spacings_ns, default=0.0)
@@ -125,19 +126,19 @@ class ServoSampler:
         return self._row(cycle, usual_ns)
 
     def pause(self) -> None:
-        """The line is closed: what the next cycle brings has nothing to do with the last one."""
+        """Forget the last cycle, because the line is closed."""
         self._pending = None
         self._last = [None] * len(self._last)
 
     def _begin(self, first: Cycle, cycle: Cycle) -> None:
-        """Each joint's last reading before *first*, as if it had come as steadily to *cycle*."""
+        """Set each joint's reading before *first*, extrapolated from *cycle* back over *first*."""
         for k, (position, later) in enumerate(zip(first.positions, cycle.positions, strict=True)):
             if position is None or later is None:
                 continue
             apart_ns = cycle.at_ns[k] - first.at_ns[k]
             step = (later - position + HALF_TURN) % COUNTS_PER_TURN - HALF_TURN
             if abs(step) > MARGIN_COUNTS + self._counts_per_ns * apart_ns:
-                step = 0  # a jump is no motion
+                step = 0  # a jump, not a motion
             self._last[k] = position - HALF_TURN - step, first.at_ns[k] - apart_ns
         self._past_ns = 0
         self._note_past(round(first.at_ns[0]))
@@ -201,9 +202,11 @@ class ServoSampler:
         return [Event("untimed", text, now_ns, "warning", {"doubt_ms": round(doubt_ns * 1e-6, 1)})]
 
     def _moves(self, positions: Sequence[int | None], until_ns: float) -> bool:
-        """Whether a joint stands elsewhere than at its last reading, or stood elsewhere shortly
-        before that. Flickering by a count is no motion; nor is what no joint can have done by
-        *until_ns*: its joint is invalid in this row, whenever that was."""
+        """Return whether a joint has moved since its last reading, or shortly before that.
+
+        Flickering by a count is no motion. Nor is a step that no joint can have made by *until_ns*:
+        its joint is invalid in this row anyway.
+        """
         for k, (position, last) in enumerate(zip(positions, self._last, strict=True)):
             if position is None or last is None:
                 continue
@@ -215,8 +218,9 @@ class ServoSampler:
         return False
 
     def _leaps(self, counts: Sequence[int | None], at_ns: Sequence[float], usual_ns: float) -> int:
-        """Bits of joints that have gone as far as only a gap in the cycles lets them; not of those
-        that are silent."""
+        """Return bits of answering joints that moved so far that only a gap in the cycles allows
+        it.
+        """
         most_ns, bits = max(LEAP_NS, LEAP_CYCLES * min(usual_ns, *self._quickest_ns)), 0
         for k, (count, last) in enumerate(zip(counts, self._last, strict=True)):
             if count is not None and last is not None and at_ns[k] - last[1] > most_ns:
@@ -239,7 +243,7 @@ class ServoSampler:
     def _moved(
         self, counts: list[int], at_ns: Sequence[float], row_ns: int, doubtful: int
     ) -> list[float]:
-        """*counts* at the row's instant, on the straight line from each joint's last reading."""
+        """Move *counts* to the row's instant, on the line from each joint's last reading."""
         moved: list[float] = []
         for k, count in enumerate(counts):
             last = self._last[k]
@@ -253,7 +257,7 @@ class ServoSampler:
         return moved
 
     def state(self) -> dict[str, Any]:
-        """What `restore` needs to go on from here in a replay, as JSON."""
+        """Return the state for `restore` in a replay, as JSON."""
         memory = self._unwrapper.memory
         return {
             "first_ns": self._first_ns,
@@ -270,7 +274,7 @@ class ServoSampler:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from where `state` was taken."""
+        """Continue from *state*."""
         self._first_ns, self._next_number = state["first_ns"], state["next_number"]
         self._buttons, self._told_ns = state["buttons"], state["told_ns"]
         self._last = [None if last is None else (last[0], last[1]) for last in state["last"]]
@@ -279,7 +283,7 @@ class ServoSampler:
         self._pending = None if state["held"] is None else Cycle(*state["held"])
         self._heard_ns, *spacings_ns = state["heard"]
         self._spacings_ns.extend(spacings_ns)
-        if "quickest" in state:  # not in recordings of before 0.3
+        if "quickest" in state:  # not in recordings before version 0.3
             *self._quickest_ns, self._since = state["quickest"]
         memory = self._unwrapper.memory
         for name, values in zip(memory.dtype.names or (), state["unwrap"], strict=True):

@@ -1,7 +1,7 @@
 """The states of a servo line, and the events that lead from one to the next.
 
-`ServoDriver` follows `TRANSITIONS` and nothing else. At most one request is on the line:
-`plan.py` chooses it, `answers.py` knows how long its answers are waited for.
+`ServoDriver` follows `TRANSITIONS` and nothing else. At most one request is on the line: `plan.py`
+chooses it, `answers.py` decides how long to wait for its answers.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from enum import Enum
 
 
 class LineState(Enum):
-    """What the driver does in each."""
+    """The states of a line, each with the driver's action."""
 
     CLOSED = "no port is open; opens it when that is due"
     IDLE = "no exchange is open; sends what is due"
@@ -21,7 +21,7 @@ class LineState(Enum):
 
 
 class LineEvent(Enum):
-    """What happens to a line."""
+    """The events of a line."""
 
     OPENED = "the port is open"
     LOST = "the port broke, was silent for too long, or is no longer wanted"
@@ -39,16 +39,16 @@ TRANSITIONS = {
     (_S.CLOSED, _E.OPENED): _S.IDLE,
     (_S.IDLE, _E.SENT): _S.ASKED,
     (_S.IDLE, _E.PAUSED): _S.BLOCKED,
-    (_S.IDLE, _E.BYTES): _S.IDLE,  # nobody asked for them
+    (_S.IDLE, _E.BYTES): _S.IDLE,  # not requested
     (_S.BLOCKED, _E.RELEASED): _S.IDLE,
-    (_S.BLOCKED, _E.BYTES): _S.BLOCKED,  # the answer to a write, which says nothing
-    (_S.BLOCKED, _E.OVER): _S.BLOCKED,  # of the exchange whose successor the line did not take
+    (_S.BLOCKED, _E.BYTES): _S.BLOCKED,  # the answer to a write, which is ignored
+    (_S.BLOCKED, _E.OVER): _S.BLOCKED,  # the line did not take the next request
     (_S.ASKED, _E.BYTES): _S.ANSWERING,
     (_S.ASKED, _E.OVER): _S.IDLE,
     (_S.ANSWERING, _E.BYTES): _S.ANSWERING,
     (_S.ANSWERING, _E.COMPLETE): _S.ANSWERED,
     (_S.ANSWERING, _E.OVER): _S.IDLE,
-    (_S.ANSWERED, _E.SENT): _S.ASKED,  # the exchange is closed by its successor
+    (_S.ANSWERED, _E.SENT): _S.ASKED,  # the next request closes the exchange
     (_S.ANSWERED, _E.PAUSED): _S.BLOCKED,
     (_S.ANSWERED, _E.OVER): _S.IDLE,
     **{(state, _E.LOST): _S.CLOSED for state in _S},

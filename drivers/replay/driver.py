@@ -1,4 +1,4 @@
-"""The replay driver: a recording's raw frames through the very decoder that decoded them first."""
+"""The replay driver: feeds a recording's raw frames to the same decoder as when it was recorded."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from armd.errors import BadInput
 from armd.files.schema import validate
 
 _CAN_KEYS = {"rate_hz", "max_joint_rate_deg_s"}
-BATCH = 256  # frames fed in one `read` at most
+BATCH = 256  # the most frames fed in one `read`
 
 
 def make_decoder(recording: Recording, expectation: Expectation) -> Decoder:
-    """A fresh decoder as the recorded daemon was configured; raises `BadInput`."""
+    """Make a fresh decoder with the recorded daemon's configuration; raises `BadInput`."""
     driver = recording.driver
     location = f"{recording.path}: configuration of the recorded daemon"
     match driver["kind"]:
         case "serial":
             serial = validate(location, driver, SerialConfig)
             return SerialDecoder(expectation, serial.max_joint_rate_deg_s)
-        case "can":  # python-can's own keys were for the bus that is not here
+        case "can":  # python-can's own keys describe a bus that is not here
             ours = {key: driver[key] for key in _CAN_KEYS & driver.keys()}
             can = validate(location, ours | {"kind": "can", "interface": "virtual"}, CanConfig)
             return CanDecoder(expectation, can.rate_hz, can.max_joint_rate_deg_s)
@@ -58,7 +58,7 @@ def make_decoder(recording: Recording, expectation: Expectation) -> Decoder:
 
 
 class ReplayDriver:
-    """See `armd.drivers.sample.Driver`. Stamps are those of the recording.
+    """Plays a recording; see `armd.drivers.sample.Driver`. Stamps are those of the recording.
 
     At its end it delivers one event `replay_ended`, and then nothing.
     """
@@ -69,9 +69,9 @@ class ReplayDriver:
         self._decoder = make_decoder(recording, expectation)
         self._frames: Iterator[RawFrame] = recording.frames()
         self._next: RawFrame | None = None
-        self._before: list[Item] = []  # what the preamble told
+        self._before: list[Item] = []  # items of the preamble
         self._ended = False
-        self._began_ns = 0  # on this machine's clock, and on the recording's
+        self._began_ns = 0  # on this machine's clock; `_first_ns` on the recording's
         self._first_ns = 0
 
     @property
@@ -127,7 +127,7 @@ class ReplayDriver:
         return items
 
     def _decode(self, frame: RawFrame) -> list[Item]:
-        """A recorder's frames never make a decoder raise; those of a forged file may."""
+        """Decode a frame; raises `BadInput` where the decoder fails, as on a forged file."""
         try:
             return self._decoder.feed(frame)
         except Exception as error:

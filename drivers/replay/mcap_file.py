@@ -1,7 +1,7 @@
-"""An MCAP file, record by record: every checksum held against its bytes, nothing taken on trust.
+"""Reads an MCAP file record by record, and checks every checksum and length.
 
-The mcap library reads such files too, but gives a damaged one up wherever it trips over, and
-unpacks whatever size a chunk says that it has: 100 kB can say 3 GB.
+The mcap library reads such files too, but it stops at the first damage, and it unpacks a chunk of
+any stated size: 100 kB can state 3 GB.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from armd.files.inputs import open_input
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; then the data
-#: Armd writes chunks of 64 kB and a message more; an attachment is a calibration at most.
+#: armd writes chunks of 64 kB plus a message; its largest attachment is a calibration.
 MOST_BYTES = 16 << 20
-PRIVATE = 0x80  # opcodes from here on are other programs' own
+PRIVATE = 0x80  # opcodes from here on belong to other programs
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,21 +41,21 @@ class Recorded:
 
 
 class McapFile:
-    """Iterate `parts` to the end, and the file is known to be whole, or `cut` says where it ends.
+    """An MCAP file. After `parts` was iterated to its end, the file is complete, or `cut` is set.
 
-    Raises `BadInput` where it is damaged: a checksum that does not hold, a length that cannot be,
-    anything that is no record.
+    Raises `BadInput` where it is damaged: a wrong checksum, an impossible length, or bytes that are
+    no record.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.cut: int | None = None  # the byte after its last whole record, if it has no end
+        self.cut: int | None = None  # the byte after its last complete record, if it has no end
         self.only_index_cut = False  # no message is missing
         self._names: dict[int, str] = {}
-        self._offset = 0  # the record being read
+        self._offset = 0  # position of the record being read
 
     def parts(self) -> Iterator[Attachment | bytes]:
-        """Attachments, and the records of each chunk, unpacked."""
+        """Yield attachments, and the records of each chunk, unpacked."""
         with open_input(self.path) as file:
             size = os.fstat(file.fileno()).st_size
             if file.read(len(MAGIC)) != MAGIC:
@@ -66,7 +66,7 @@ class McapFile:
             yield from self._records(file, size, ended)
 
     def messages(self) -> Iterator[Recorded]:
-        """All messages, in the order of the file."""
+        """Yield all messages, in the order of the file."""
         for part in self.parts():
             if isinstance(part, bytes):
                 yield from self._unpacked(part)
@@ -115,7 +115,7 @@ class McapFile:
                 return Attachment.read(ReadDataStream(BytesIO(content)))
         except BadInput:
             raise
-        except Exception as error:  # a length within it that cannot be, text that is none, …
+        except Exception as error:  # an impossible length within it, invalid text, …
             raise self._damaged(f"a record that makes no sense ({error!r})") from error
         return None
 
@@ -157,7 +157,7 @@ class McapFile:
                 yield Recorded(self._names[number], content[_MESSAGE.size :], unix_ns)
 
     def _end(self, file: BinaryIO, size: int, footer: bytes, summary_crc: int) -> None:
-        """The last record: of the summary's checksum its own beginning is a part."""
+        """Check the last record: the summary's checksum includes its own beginning."""
         try:
             stated = Footer.read(ReadDataStream(BytesIO(footer[HEAD.size :]))).summary_crc
         except Exception as error:

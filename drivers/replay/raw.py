@@ -1,8 +1,8 @@
-"""Raw frames on their way to a recorder: a small header, then the bytes as they crossed the wire.
+"""Encodes raw frames for a recorder: a small header, then the bytes that crossed the wire.
 
-`armd/<serial>/@raw`: i64 number of the frame (without gaps unless one was lost) ·
-i64 monotonic_ns · i64 unix_ns · u8 direction (0 rx, 1 tx, 2 link) · u8 length of channel ·
-channel · the bytes. Little-endian.
+`armd/<serial>/@raw`: i64 number of the frame (without gaps unless one was lost) · i64 monotonic_ns
+· i64 unix_ns · u8 direction (0 rx, 1 tx, 2 link) · u8 length of channel · channel · the bytes.
+Little-endian.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _DIRECTIONS: tuple[Literal["rx", "tx", "link"], ...] = ("rx", "tx", "link")
 
 
 def pack(number: int, frame: RawFrame) -> bytes:
-    """A frame as it is published."""
+    """Encode a frame as it is published."""
     channel = frame.channel.encode()
     direction = _DIRECTIONS.index(frame.direction)
     header = _HEADER.pack(number, frame.monotonic_ns, frame.unix_ns, direction, len(channel))
@@ -25,7 +25,7 @@ def pack(number: int, frame: RawFrame) -> bytes:
 
 
 def unpack(payload: bytes) -> tuple[int, RawFrame]:
-    """Number and frame of a published payload; raises ValueError for one that is none."""
+    """Decode number and frame of a published payload; raises ValueError for an invalid one."""
     if len(payload) < _HEADER.size:
         raise ValueError(f"{len(payload)} bytes, fewer than its header has")
     number, monotonic_ns, unix_ns, direction, length = _HEADER.unpack_from(payload)

@@ -1,7 +1,8 @@
-"""A recording (MCAP) as a driver needs it: the raw frames in their order, and what they came from.
+"""A recording (MCAP) for a driver: the raw frames in order, and the recorded configuration.
 
 `armd record` writes it (docs/how-to/record-export.md has the layout). A recorder that was killed
-leaves a file without an end; whatever stands before that is read, and said to be all there is.
+leaves a file without an end. The part before that is read, and a message reports the rest as
+missing.
 """
 
 from __future__ import annotations
@@ -21,13 +22,16 @@ from armd.files.schema import load_json_data
 
 RAW_TOPIC = "/raw"
 PREAMBLE_TOPIC = "/preamble"
-INFO_ATTACHMENT = "info.json"  # the daemon's answer to the info key when recording began
-CALIBRATION_ATTACHMENT = "calibration.json"  # the very file, byte by byte
+INFO_ATTACHMENT = "info.json"  # the daemon's answer to the info key at the start of the recording
+CALIBRATION_ATTACHMENT = "calibration.json"  # the file itself, byte by byte
 
 
 class Recording:
-    """Read once to its end before anything is made of it: raises `BadInput` for a file that is no
-    recording of armd's, or a damaged one. `missing` says what a recording without an end lacks."""
+    """A recording, which is read once to its end when it is opened.
+
+    Raises `BadInput` for a damaged file, or one that `armd record` did not write. `missing`
+    describes the missing part of a recording without an end.
+    """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -43,13 +47,15 @@ class Recording:
 
     @property
     def driver(self) -> dict[str, Any]:
-        """`[driver]` of the recorded daemon."""
+        """The table `[driver]` of the recorded daemon."""
         driver: dict[str, Any] = self.info["configuration"]["driver"]
         return driver
 
     def preamble(self) -> list[RawFrame]:
-        """What a decoder must be fed first (`Driver.preamble`), of a recording that was begun
-        while the arm was connected; otherwise empty."""
+        """Return the frames that a decoder needs first (`Driver.preamble`).
+
+        Empty if the arm was not connected when the recording began.
+        """
         frames = []
         for message in self.messages({PREAMBLE_TOPIC, RAW_TOPIC}):
             if message.topic == RAW_TOPIC:
@@ -58,8 +64,11 @@ class Recording:
         return frames
 
     def frames(self) -> Iterator[RawFrame]:
-        """The raw frames as the daemon fed them to its decoder; raises `BadInput` where the
-        recorder has lost some, because nothing after them would be what it was."""
+        """Yield the raw frames as the daemon fed them to its decoder.
+
+        Raises `BadInput` where the recorder lost some: a decoder's state after them would be
+        another one.
+        """
         expected: int | None = None
         for message in self.messages({RAW_TOPIC}):
             number, frame = self._frame(message)
@@ -69,7 +78,7 @@ class Recording:
             yield frame
 
     def messages(self, topics: set[str] | None = None) -> Iterator[Recorded]:
-        """All messages, or those of *topics*, in the order of the file."""
+        """Yield all messages, or those of *topics*, in the order of the file."""
         for message in McapFile(self.path).messages():
             if topics is None or message.topic in topics:
                 yield message
@@ -108,7 +117,7 @@ class Recording:
 
 
 def _instant(unix_ns: int) -> str:
-    """In words; a frame may carry a time that no calendar has."""
+    """Return the instant as text; a frame may carry a time that no calendar has."""
     try:
         return datetime.fromtimestamp(unix_ns / 1e9, UTC).isoformat(timespec="milliseconds")
     except (OverflowError, ValueError, OSError):

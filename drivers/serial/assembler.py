@@ -1,4 +1,4 @@
-"""Accepted packets → samples: unwrapped counts, host time, what is invalid, what was lost."""
+"""Turns accepted packets into samples: unwrapped counts, host time, invalid joints, lost rows."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from armd.drivers.serial.unpacking import SampleBytes, unpack_samples
 from armd.drivers.serial.wire import encode_sample, make_row_layout
 from armd.drivers.unwrap import Unwrapper, unwrap
 
-#: Samples that an array is made for at once: to make one costs numpy as much as to fill it.
+#: Number of samples in one array: numpy needs as long to make an array as to fill it.
 ROOM = 256
 NONE = -1  # no number yet; rows that do not follow
 
@@ -30,7 +30,7 @@ class SampleAssembler:
         self._clock = clock
         self._max_rate = max_joint_rate_deg_s
         self._unwrapper: Unwrapper | None = None
-        self._next_seq = np.full(1, NONE)  # the number that would follow the last one
+        self._next_seq = np.full(1, NONE)  # the number after the last one
         self._status_watch = JointWatch(
             "joint_invalid", "the arm calls it invalid", "the arm calls it valid"
         )
@@ -39,26 +39,29 @@ class SampleAssembler:
         self._used = 0
         self._jumped = np.zeros(0, np.uint16)
         self._bytes = SampleBytes(n_joints)
-        #: `_unpack_and_go_on`, settled: what it takes is made here, never of other kinds.
+        #: `_unpack_and_go_on`, compiled for the types of its arguments, which never change.
         self._go_on: Callable[..., int] | None = None
 
     def set_bits(self, bits: Sequence[int]) -> None:
-        """Counts of joint k wrap at 2^bits[k-1]; to be told before the first run."""
+        """Set the joints' ranges before the first run: counts of joint k wrap at 2^bits[k-1]."""
         if self._unwrapper is None:
             ranges = [1 << b for b in bits]
             self._unwrapper = Unwrapper(ranges, ranges, self._max_rate)
             self._go_on = None
 
     def new_boot(self) -> None:
-        """The encoders' turns are unknown again."""
+        """Forget the encoders' turns, because the arm has booted."""
         if self._unwrapper is not None:
             self._unwrapper.restart()
 
     def go_on(
         self, data: bytes, sequence: SequenceExtender, arrival_ns: int, unix_minus_monotonic_ns: int
     ) -> list[Item] | None:
-        """The usual case in one compiled call: *data* is whole packets, all good SAMPLEs that
-        plainly follow the last ones. None, and nothing done, where it is not."""
+        """Unpack and assemble the usual case in one compiled call.
+
+        *data* must be whole packets, all good SAMPLEs that directly follow the last ones. Otherwise
+        it does nothing and returns None.
+        """
         unwrapper, sample_bytes = self._unwrapper, self._bytes
         if unwrapper is None or sequence.in_doubt:
             return None
@@ -77,7 +80,7 @@ class SampleAssembler:
         return None if trouble == NONE else self._with_events(sample_bytes.rows, out, trouble)
 
     def assemble(self, run: Run, unix_minus_monotonic_ns: int) -> list[Item]:
-        """One array, after the events its joints give rise to."""
+        """Return one array of samples, after the events of its joints."""
         assert self._unwrapper is not None
         out = self._room(len(run.rows))
         trouble = _assemble(
@@ -87,7 +90,7 @@ class SampleAssembler:
         return self._with_events(run.rows, out, trouble)
 
     def _room(self, n: int) -> SampleArray:
-        """An array (n,) that nobody has yet."""
+        """Return an unused array (n,)."""
         end = self._used + n
         if end > len(self._out):
             self._out = np.empty(max(n, ROOM), self._dtype)
@@ -108,7 +111,7 @@ class SampleAssembler:
         ]
 
     def warm_up(self) -> None:
-        """Compile, or load from the cache: before the first sample, not while it waits."""
+        """Compile the functions, or load them from the cache, before the first sample arrives."""
         n_joints = self._dtype["count"].shape[0]
         trial = SampleAssembler(n_joints, self._clock, self._max_rate)
         trial.set_bits([20] * n_joints)
@@ -141,8 +144,7 @@ def _assemble(
     rows: Any, epoch: int, line: Any, arrival_ns: int, unix_minus_monotonic_ns: int,
     next_seq: Any, memory: Any, out: Any, jumped: Any,
 ) -> int:  # fmt: skip
-    """Fill *out*, and *jumped* with the bits of joints whose counts did; which joints were in
-    trouble in any row, in bits."""
+    """Fill *out* and *jumped* (bits of joints); return the bits of joints faulty in any row."""
     last_ns = np.int64(rows[len(rows) - 1].t_us) * 1000
     trouble = 0
     for i in range(len(rows)):

@@ -1,14 +1,13 @@
-"""The device's clock seen from the host: PING and PONG, weighed by their round trips.
+"""Maps the device's clock to the host's: PING and PONG, weighted by their round trips.
 
-The instant at which the arm stamped a PONG lies somewhere between sending the PING and receiving
-the PONG; by how much a round trip exceeds the shortest one, so much was somebody late. Offset and
-drift are the least-squares line through the last exchanges, each weighed by that lateness: the
-quickest decide, the others hardly count.
+The arm stamped a PONG between the sending of the PING and the arrival of the PONG. The excess of a
+round trip over the shortest one is lateness. Offset and drift are the least-squares line through
+the last exchanges, each weighted by its lateness: the quickest ones dominate.
 
-No line is better than what it rests on. An exchange bounds the device's clock on both sides, so
-two of them can contradict each other by more than any crystal drifts: the clock jumped, or an
-answer was false, and all begins anew. What is mapped holds for samples that did not arrive before
-their own instant, and for a while after the last exchange.
+An exchange bounds the device's clock on both sides. So two exchanges can contradict each other by
+more than any crystal drifts: then the clock jumped, or an answer was false, and the mapping starts
+again. The mapping is valid for samples that arrived after their own instant, and for a limited time
+after the last exchange.
 """
 
 from __future__ import annotations
@@ -20,35 +19,37 @@ import numpy as np
 
 from armd.compiled.jit import jit
 
-WINDOW = 64  # exchanges remembered
-ENOUGH = 8  # exchanges before the mapping is trusted
-EAGER = 24  # exchanges asked for quickly after a connection
+WINDOW = 64  # number of exchanges kept
+ENOUGH = 8  # number of exchanges before the mapping is used
+EAGER = 24  # number of quick exchanges after a connection
 EAGER_INTERVAL_NS = 50_000_000
 INTERVAL_NS = 500_000_000
-DRIFT_PRIOR = 100e-6  # crystals differ by this much; what holds until the window is long enough
-FLOOR_NS = 10_000.0  # noise that a round trip does not show
-PROMISED_NS = 5_000_000  # stamps are right by this much, or flagged
-MOST_DRIFT = 500e-6  # beyond this it is no crystal, or no line
-STAMP_NS = 1_000_000  # by how much a device may stamp a PONG beside its instant
-OLD_NS = 30_000_000_000  # after so long without an exchange drift may have used up the promise
+DRIFT_PRIOR = 100e-6  # prior of the drift: crystals differ by this much
+FLOOR_NS = 10_000.0  # noise that is not in the round trip
+PROMISED_NS = 5_000_000  # stamps have at most this error, or are flagged
+MOST_DRIFT = 500e-6  # a larger drift is not that of a crystal
+STAMP_NS = 1_000_000  # largest error of a device's stamp of a PONG
+OLD_NS = 30_000_000_000  # after this time without an exchange, drift may exceed the promise
 
 #: The line from the device's clock to the host's: an instant on both, and the slope.
 _LINE = np.dtype([("mapped", "?"), ("device_ns", "i8"), ("host_ns", "i8"), ("drift", "f8")])
 
 
 class ClockMapping:
-    """Device microseconds since boot → nanoseconds of the host's CLOCK_MONOTONIC."""
+    """Maps device microseconds since boot to nanoseconds of the host's CLOCK_MONOTONIC."""
 
     def __init__(self, noise_ns: float = FLOOR_NS) -> None:
-        """*noise_ns*: of an exchange, beside what its round trip shows."""
+        """Start without exchanges; *noise_ns*: noise of an exchange that its round trip does not
+        show.
+        """
         self._noise_ns = noise_ns
-        #: What `compute_host_ns` takes. `drift`: host seconds gained per device second.
+        #: The argument of `compute_host_ns`. `drift`: host seconds gained per device second.
         self.line = np.zeros(1, _LINE)
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything: another boot, another connection."""
-        #: device, sent and received
+        """Forget all exchanges, after another boot or connection."""
+        #: times: device, sent and received, ns
         self._exchanges: deque[tuple[int, int, int]] = deque(maxlen=WINDOW)
         self.line[0] = (False, 0, 0, 0.0)
 
@@ -61,9 +62,9 @@ class ClockMapping:
         return EAGER_INTERVAL_NS if len(self._exchanges) < EAGER else INTERVAL_NS
 
     def add(self, sent_ns: int, received_ns: int, device_ns: int) -> bool:
-        """One exchange: PING sent and PONG received by the host's clock, stamped by the arm's.
+        """Add one exchange: PING sent and PONG received by the host's clock, stamped by the arm's.
 
-        False if it contradicts those before, which are forgotten then.
+        Returns False if it contradicts earlier exchanges, which are then forgotten.
         """
         if received_ns < sent_ns:
             return True
@@ -75,7 +76,7 @@ class ClockMapping:
         return agrees
 
     def _agrees(self, sent_ns: int, received_ns: int, device_ns: int) -> bool:
-        """Whether one clock can have stamped all these answers while they were under way."""
+        """Return whether one clock can have stamped all these answers while they were under way."""
         if not self._exchanges:
             return True
         device, sent, received = np.array(self._exchanges, dtype=np.int64).T
@@ -85,7 +86,7 @@ class ClockMapping:
         return bool(((least_ns - allowed <= elapsed_ns) & (elapsed_ns <= most_ns + allowed)).all())
 
     def to_host(self, device_ns: int) -> int:
-        """An instant on the host's clock; only meaningful while `mapped`."""
+        """Return an instant on the host's clock; only meaningful while `mapped`."""
         return int(compute_host_ns(device_ns, self.line))
 
     def _fit(self) -> None:
@@ -109,15 +110,17 @@ class ClockMapping:
 
 @jit
 def compute_host_ns(device_ns: Any, line: Any) -> Any:
-    """The host's instant of the device's, by a `ClockMapping`'s line."""
+    """Convert the device's instant to the host's, by a `ClockMapping`'s line."""
     since = device_ns - line[0].device_ns
     return line[0].host_ns + since + np.int64(np.rint(since * line[0].drift))
 
 
 @jit
 def can_promise(device_ns: Any, instant_ns: Any, arrival_ns: Any, line: Any) -> Any:
-    """Whether *instant_ns*, the host's of *device_ns* by the line, can be promised for a sample
-    that arrived at *arrival_ns*."""
+    """Return whether *instant_ns* has at most the promised error for a sample.
+
+    *instant_ns*: the host's instant of *device_ns* by the line; *arrival_ns*: the sample's arrival.
+    """
     return (
         line[0].mapped
         and instant_ns <= arrival_ns + PROMISED_NS

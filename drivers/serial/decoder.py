@@ -1,7 +1,7 @@
-"""Raw frames of a serial line → samples, temperatures and events. No port, no clock of its own.
+"""Decodes raw frames of a serial line to samples, temperatures and events, without port or clock.
 
-Everything depends only on the frames fed, so a recording replays to the same samples, and a
-test needs no hardware.
+Everything depends only on the frames fed, so a recording replays to the same samples, and a test
+needs no hardware.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from armd.drivers.serial.reading_buffer import HeldReading, ReadingBuffer, count
 from armd.drivers.serial.sequence import Rows, Run, SequenceExtender
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 
-EPOCH = b"epoch "  # a "link" frame that says in which epoch a recording begins
+EPOCH = b"epoch "  # a "link" frame with the epoch in which a recording begins
 COUNTED = (
     *("bad_crc", "bad_cobs", "malformed", "unknown", "foreign", "unidentified"),
     "clock_contradictions",
@@ -29,10 +29,10 @@ COUNTED = (
 
 
 class SerialDecoder:
-    """Feed it every `RawFrame` of a line in order, sent ones too (they carry the PING times).
+    """Decodes every `RawFrame` of a line in order, sent ones too: they carry the PING times.
 
-    Samples that arrive before HELLO has told whose arm this is are held, and delivered or dropped
-    with the answer: every good sample counts, none of a foreign arm does.
+    Samples that arrive before HELLO has identified the arm are held. Then they are delivered, or
+    dropped if the arm is a foreign one.
     """
 
     def __init__(
@@ -49,14 +49,16 @@ class SerialDecoder:
         self._sequence = SequenceExtender()
         self._boot_id: int | None = None
         self._exchanges = Exchanges(self.clock)
-        self._greeting: RawFrame | None = None  # what told whose arm this is
-        self._warmth: RawFrame | None = None  # what told the temperatures last
+        self._greeting: RawFrame | None = None  # the frame that identified the arm
+        self._warmth: RawFrame | None = None  # the last frame with temperatures
         self._held_readings = ReadingBuffer()
         self._counted: Counter[str] = Counter()
 
     @property
     def counters(self) -> dict[str, int]:
-        """Good samples and each kind of packet that was not delivered, since the beginning."""
+        """The number of good samples, and of each kind of packet not delivered, since the
+        beginning.
+        """
         return {name: self._counted[name] for name in COUNTED} | {
             "samples": self._assembler.delivered,
             "junk": self._splitter.junk,
@@ -66,17 +68,19 @@ class SerialDecoder:
 
     @property
     def wants_identity(self) -> bool:
-        """HELLO is missing: since the connection, or since a reboot that only the clock told."""
+        """Whether HELLO is missing: since the connection, or since a reboot that only the clock
+        showed.
+        """
         return self.hello is None
 
     @property
     def ping_interval_ns(self) -> int:
-        """How soon after a PING the next one is to go out."""
+        """The interval between a PING and the next one."""
         doubt = self._sequence.wants_clock
         return EAGER_INTERVAL_NS if doubt else self.clock.ping_interval_ns
 
     def feed(self, frame: RawFrame) -> list[Item]:
-        """What *frame* completes, in the order of the wire."""
+        """Decode *frame*; return the items that it completes, in the order of the wire."""
         if frame.direction == "link":
             if frame.data.startswith(EPOCH):
                 self._sequence.start_in(int(frame.data.removeprefix(EPOCH)))
@@ -89,12 +93,14 @@ class SerialDecoder:
         return self._decode(frame)
 
     def warm_up(self) -> None:
-        """Compile, or load from the cache: before the first sample, not while it waits."""
+        """Compile the decoder, or load it from the cache, before the first sample arrives."""
         self._assembler.warm_up()
 
     def preamble(self) -> list[RawFrame]:
-        """What a fresh decoder must be fed to go on from here: epoch, identity, temperatures and
-        the exchanges that make the clock."""
+        """Return the frames from which a fresh decoder continues.
+
+        They hold epoch, identity, temperatures and the exchanges that determine the clock.
+        """
         if not self.accepted or self._greeting is None:
             return []
         epoch = EPOCH + b"%d" % self._sequence.epoch
@@ -128,8 +134,10 @@ class SerialDecoder:
         return items + self._samples(run, frame)
 
     def _plain_samples(self, frame: RawFrame) -> list[Item] | None:
-        """The usual: SAMPLEs that plainly follow, and nothing else. None, and nothing done, where
-        it is not so."""
+        """Decode the usual case: only SAMPLEs, which directly follow the last ones.
+
+        Otherwise it does nothing and returns None.
+        """
         data, tail = self._splitter.cut(frame.data)
         arrival_ns = frame.monotonic_ns
         items = self._assembler.go_on(data, self._sequence, arrival_ns, frame.unix_ns - arrival_ns)
@@ -146,7 +154,7 @@ class SerialDecoder:
             fault = "bad_crc"
         except cobs.DecodeError:
             data, fault = None, "bad_cobs"
-        if data is None and synchronised:  # otherwise: the tail of a packet, nobody's fault
+        if data is None and synchronised:  # otherwise: the tail of a packet, which is no fault
             self._counted[fault] += 1
         return data
 
@@ -191,7 +199,7 @@ class SerialDecoder:
     # --- whose arm -----------------------------------------------------------------------
 
     def _connection_changed(self) -> None:
-        """Another line may mean another arm: ask again, map its clock again."""
+        """Forget identity and clock: another connection may be another arm."""
         self._splitter.reset()
         self._synchronised = False
         self._counted["unidentified"] += self._held_readings.forget()
@@ -226,7 +234,7 @@ class SerialDecoder:
         return items
 
     def _welcome(self, hello: wire.Hello, frame: RawFrame) -> list[Item]:
-        """Our arm. Has it booted since we knew it?"""
+        """Accept the expected arm, and detect whether it has booted since the last HELLO."""
         detail = {
             "serial_number": hello.serial_number,
             "boot_id": hello.boot_id,
@@ -252,7 +260,7 @@ class SerialDecoder:
         return items
 
     def _new_boot(self) -> None:
-        """The device's clock and its encoders' turns start afresh."""
+        """Reset the device's clock and its encoders' turns."""
         self._exchanges.forget()
         self._assembler.new_boot()
 
@@ -274,7 +282,7 @@ class SerialDecoder:
         return self._follow(reading, arrival_ns, unix_ns - arrival_ns)
 
     def _follow(self, rows: Rows, arrival_ns: int, unix_minus_monotonic_ns: int) -> list[Item]:
-        """Rows that may not follow the last ones."""
+        """Assemble rows that may not follow the last ones."""
         runs = self._sequence.push(rows, arrival_ns)
         return self._assemble(runs, arrival_ns, unix_minus_monotonic_ns)
 
@@ -284,7 +292,7 @@ class SerialDecoder:
             if run.rebooted:
                 self._new_boot()
                 self._boot_id = None
-                self.hello = None  # ask again, but go on: the line was never broken
+                self.hello = None  # identify again, but continue: the line was never broken
                 text = "the arm has rebooted: its clock runs from zero again"
                 items.append(Event("reboot", text, now_ns, "warning"))
             items += self._assembler.assemble(run, unix_minus_monotonic_ns)
@@ -298,6 +306,6 @@ class SerialDecoder:
         celsius[:n] = reading.celsius[:n]
         device_ns = reading.t_us * 1000
         instant_ns = arrival_ns
-        if self.clock.mapped:  # one from the future would never grow old
+        if self.clock.mapped:  # a reading from the future would never become old
             instant_ns = min(self.clock.to_host(device_ns), arrival_ns)
         return Temperatures(celsius, device_ns, instant_ns, instant_ns + unix_minus_monotonic_ns)

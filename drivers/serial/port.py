@@ -1,6 +1,6 @@
-"""The serial driver: a port that may vanish, around the decoder that never sees one.
+"""The serial driver: opens and reads a port that may vanish; the decoder never sees one.
 
-No thread: everything happens in `read`, in the caller's.
+It has no thread: everything happens in `read`, in the caller's thread.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from armd.drivers.serial.decoder import SerialDecoder
 from armd.drivers.shell import SerialShell
 
 IDENTIFY_INTERVAL_NS = 100_000_000
-IDENTIFY_PATIENCE = 10  # requests without an answer before a person is told
-GOLDEN_RATIO = 0.6180339887  # its multiples fall evenly, and never in step
+IDENTIFY_PATIENCE = 10  # requests without an answer before an event is sent
+GOLDEN_RATIO = 0.6180339887  # its multiples, modulo 1, are evenly spread and never repeat
 
 
 class SerialDriver(SerialShell[SerialDecoder]):
-    """See `armd.drivers.sample.Driver`."""
+    """The driver of armd's own serial wire; see `armd.drivers.sample.Driver`."""
 
     def __init__(self, config: SerialConfig, expectation: Expectation) -> None:
         super().__init__(SerialDecoder(expectation, config.max_joint_rate_deg_s), config.port)
         self._baud = config.baud
         self._nonce = 0
-        self._stretch = 0.75  # of the interval to the next PING
+        self._stretch = 0.75  # factor of the interval to the next PING
         self._identify_sent = 0  # IDENTIFY sent on this connection
         self._identify_due_ns = self._pinged_ns = 0
 
@@ -65,7 +65,7 @@ class SerialDriver(SerialShell[SerialDecoder]):
         if now_ns >= self._ping_due_ns():
             self._pinged_ns = now_ns
             self._nonce = (self._nonce + 1) & 0xFFFFFFFF
-            # Out of step with the arm's own beat, so that some PING finds it idle.
+            # The interval varies, so that some PINGs arrive while the arm is idle.
             self._stretch = 0.75 + 0.5 * (self._nonce * GOLDEN_RATIO % 1)
             self._send(self._port, wire.encode_ping(self._nonce))
         if not self._decoder.wants_identity:

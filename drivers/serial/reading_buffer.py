@@ -1,4 +1,4 @@
-"""What has come before it is known whose arm it is of: kept, then delivered or dropped."""
+"""Keeps readings until the arm is identified; then they are delivered or dropped."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import deque
 from armd.drivers.serial.sequence import Rows
 from armd.drivers.serial.wire import TemperatureReading
 
-HELD_SAMPLES = 8192  # the oldest go
+HELD_SAMPLES = 8192  # the oldest are dropped first
 
 HeldReading = Rows | TemperatureReading
 
@@ -20,7 +20,7 @@ class ReadingBuffer:
         self._weight = 0
 
     def add(self, reading: HeldReading, arrival_ns: int, unix_ns: int) -> int:
-        """How many had to go for it."""
+        """Add a reading; return how many packets were dropped for it."""
         self._readings.append((reading, arrival_ns, unix_ns))
         self._weight += count_packets(reading)
         before = self._weight
@@ -29,18 +29,18 @@ class ReadingBuffer:
         return before - self._weight
 
     def take(self) -> list[tuple[HeldReading, int, int]]:
-        """All of them, which are held no longer."""
+        """Return all readings, and keep none."""
         readings = list(self._readings)
         self.forget()
         return readings
 
     def forget(self) -> int:
-        """How many were dropped."""
+        """Drop all readings; return how many packets they were."""
         dropped, self._weight = self._weight, 0
         self._readings.clear()
         return dropped
 
 
 def count_packets(reading: HeldReading) -> int:
-    """Packets."""
+    """Return the number of packets in *reading*."""
     return 1 if isinstance(reading, TemperatureReading) else len(reading)

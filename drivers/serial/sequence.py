@@ -1,12 +1,13 @@
-"""Device sequence numbers → numbers that never fall; repeats told from reboots.
+"""Extends device sequence numbers so that they never fall, and separates repeats from reboots.
 
-`seq` is ``epoch << 32 | device seq``. The epoch grows when the 32-bit counter wraps and when
-the arm reboots. A reboot announces itself by a new boot id in HELLO; should that be lost, by the
-device clock running backwards. A packet that comes twice, or late, runs backwards too: what
-tells them apart is that a reboot goes on from there, and that its clock cannot have run for
-longer than we have been waiting. Where that leaves a doubt, because at these very times samples
-of this boot were accepted before, the arm's clock is asked (PING): one that has run on has not
-booted, whatever was repeated; one that has not, has, be its boot id the same.
+`seq` is ``epoch << 32 | device seq``. The epoch grows when the 32-bit counter wraps and when the
+arm reboots. A reboot shows by a new boot id in HELLO or, if that is lost, by a device clock that
+runs backwards. The time of a late or repeated packet runs backwards too. But a reboot continues
+from there, and its clock cannot have run for longer than the wait.
+
+A doubt remains if samples of this boot were accepted before at these very times. Then the arm's
+clock is asked (PING). If it has kept running, the arm has not booted, and the packets are repeats.
+If it has not, the arm has booted, even with the same boot id.
 """
 
 from __future__ import annotations
@@ -22,21 +23,21 @@ from armd.compiled.jit import jit
 Rows = npt.NDArray[np.void]  # (m,) of wire.make_row_layout
 
 WRAP = 1 << 32
-LATENESS_NS = 100_000_000  # by how much bytes may arrive late
-CERTAIN = 32  # so many packets running on in the past are a reboot, whatever the clock says
-UNANSWERED_NS = 1_000_000_000  # an arm that does not say what its clock reads: it is a new boot
-BEHIND_NS = 5_000_000  # a clock so far behind has not run on
+LATENESS_NS = 100_000_000  # the largest delay of bytes on the line
+CERTAIN = 32  # this many successive packets from the past mean a reboot, at any clock
+UNANSWERED_NS = 1_000_000_000  # an arm that does not answer PING for this long has booted
+BEHIND_NS = 5_000_000  # a clock that is this far behind has not kept running
 DRIFT = 500e-6  # crystals differ by less
 SUSPECTS_MOST = 1 << 14
-GAP_US = 1_000_000  # of the device's clock: times beyond it were not seen
-STRETCHES_MOST = 64  # of times seen; older ones are forgotten
+GAP_US = 1_000_000  # a longer gap of the device's clock counts as not seen
+STRETCHES_MOST = 64  # number of intervals seen; older ones are forgotten
 
-#: What is remembered of the packets accepted so far.
+#: The state after the packets accepted so far.
 _MEMORY = np.dtype(
     [
         ("seq", "i8"),  # of the last packet; −1: none since the start, or since the boot
         ("t_us", "i8"),
-        ("since_us", "i8"),  # first of the times up to `t_us` that were seen without a gap
+        ("since_us", "i8"),  # beginning of the interval up to `t_us` without a gap
         ("arrival_ns", "i8"),
         ("epoch", "i8"),
         ("lost", "i8"),
@@ -59,14 +60,14 @@ class SequenceExtender:
     def __init__(self) -> None:
         self.repeated = 0
         self._cleared: list[tuple[Rows, int]] = []
-        self.memory = np.zeros(1, _MEMORY)  # what `is_continuous` takes and keeps
+        self.memory = np.zeros(1, _MEMORY)  # the state that `is_continuous` reads and updates
         self._last = self.memory[0]
         self._last["seq"] = self._last["t_us"] = -1
         self._suspects: deque[tuple[Rows, int]] = deque()
         self._stretches_us: deque[tuple[int, int]] = deque(
             maxlen=STRETCHES_MOST
-        )  # times of this boot, µs
-        self.wants_clock = False  # only the arm's clock can tell whether it has rebooted
+        )  # intervals of this boot, µs
+        self.wants_clock = False  # only the arm's clock can show whether it has rebooted
 
     @property
     def epoch(self) -> int:
@@ -78,7 +79,7 @@ class SequenceExtender:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether packets are held back until more come: then only `push` can tell."""
+        """Whether packets are held back until more come: then only `push` can decide."""
         return bool(self._suspects)
 
     def start_in(self, epoch: int) -> None:
@@ -86,9 +87,9 @@ class SequenceExtender:
         self._last["epoch"] = epoch
 
     def new_boot(self) -> None:
-        """The arm says that it has booted: its counter and clock start afresh.
+        """Record that the arm reported a boot: its counter and clock start again.
 
-        What was in doubt and can be of the new boot waits in `take_cleared`.
+        Doubtful rows that can be of the new boot wait in `take_cleared`.
         """
         if self._last["seq"] >= 0:
             self._last["epoch"] += 1
@@ -100,8 +101,11 @@ class SequenceExtender:
         self.wants_clock = False
 
     def clock_read(self, t_us: int, after_ns: int) -> list[Run]:
-        """The arm's clock read *t_us* after *after_ns* of the host's (monotonic): what is in doubt
-        had been there before, or is of a new boot."""
+        """Decide on the doubtful rows; return the runs of a new boot.
+
+        The arm's clock read *t_us*, later than *after_ns* of the host's (monotonic). The rows are
+        repeats, or those of a new boot.
+        """
         if not self.wants_clock:
             return []
         since_ns = after_ns - int(self._last["arrival_ns"])  # a sample is older than its arrival
@@ -112,12 +116,12 @@ class SequenceExtender:
         return self._believe_suspects()
 
     def take_cleared(self) -> list[tuple[Rows, int]]:
-        """Rows that `new_boot` found to be the new boot's, with their arrivals, to be pushed."""
+        """Return the rows that belong to the new boot, with their arrivals; `push` takes them."""
         cleared, self._cleared = self._cleared, []
         return cleared
 
     def push(self, rows: Rows, arrival_ns: int) -> list[Run]:
-        """*rows* in the order of the wire, arrived at *arrival_ns* (host, monotonic)."""
+        """Take *rows* in the order of the wire, arrived at *arrival_ns* (host, monotonic)."""
         runs: list[Run] = []
         while len(rows):
             if not self._suspects and is_continuous(rows, arrival_ns, self.memory):
@@ -139,18 +143,18 @@ class SequenceExtender:
             if seq < last_seq:
                 self._last["epoch"] += 1
             return [self._accept(row, arrival_ns)]
-        if 0 < (seq - last_seq) % WRAP < WRAP // 2:  # the counter went on, the clock did not
+        if 0 < (seq - last_seq) % WRAP < WRAP // 2:  # the counter continued, the clock did not
             self._drop_suspects()
             self._last["epoch"] += 1
             return [self._accept(row, arrival_ns, rebooted=True)]
         return self._suspect(row, arrival_ns)
 
     def _suspect(self, row: Rows, arrival_ns: int) -> list[Run]:
-        """A packet out of the past: late or repeated, or the first ones of another boot?"""
+        """Hold a packet with a past time: late, repeated, or one of the first of another boot."""
         t_us = int(row["t_us"][0])
         if self._suspects and t_us <= self._suspects[-1][0]["t_us"][0]:
             if self.wants_clock and t_us < self._suspects[0][0]["t_us"][0]:
-                self._drop_suspects()  # a repetition, and then a boot: only the later counts
+                self._drop_suspects()  # repeats, then a boot: only the boot counts
             else:
                 self.repeated += 1
                 return []
@@ -167,7 +171,7 @@ class SequenceExtender:
         return self._believe_suspects()
 
     def _believe_suspects(self) -> list[Run]:
-        """They are the first of another boot."""
+        """Accept the held packets as the first of another boot."""
         suspects, self._suspects = self._suspects, deque()
         self._last["epoch"] += 1
         self._stretches_us.clear()
@@ -178,12 +182,12 @@ class SequenceExtender:
         return runs
 
     def _possible(self, row: Rows, arrival_ns: int) -> bool:
-        """Whether a boot since the last accepted packet can have sent *row* by then."""
+        """Return whether a boot since the last accepted packet can have sent *row* by then."""
         waited_ns = arrival_ns - int(self._last["arrival_ns"]) + LATENESS_NS
         return int(row["t_us"][0]) * 1000 <= waited_ns
 
     def _was_seen(self, t_us: int) -> bool:
-        """Whether samples of this boot were accepted around this time of the device's."""
+        """Return whether samples of this boot were accepted around this device time."""
         now = (int(self._last["since_us"]), int(self._last["t_us"]))
         return any(first <= t_us <= last for first, last in (*self._stretches_us, now))
 
@@ -210,8 +214,10 @@ class SequenceExtender:
 
 @jit
 def is_continuous(rows: Any, arrival_ns: int, memory: Any) -> bool:
-    """Whether *rows* (m,) plainly follow what went before, the usual case: then all are accepted,
-    else none. *memory* is a `SequenceExtender`'s."""
+    """Return whether *rows* (m,) directly follow the last ones: then accept all, else none.
+
+    That is the usual case. *memory* belongs to a `SequenceExtender`.
+    """
     last = memory[0]
     seq, t_us, since_us = last.seq, last.t_us, last.since_us
     for row in rows:

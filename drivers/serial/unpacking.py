@@ -1,6 +1,6 @@
-"""SAMPLEs and nothing else, which is what mostly comes: from the line's bytes to rows, compiled.
+"""Unpacks a read that holds only SAMPLEs, the usual case, to rows; compiled.
 
-The rule is `wire`'s, written once more for a loop over bytes; tests hold the two together.
+The rule is that of `wire`, repeated for a loop over bytes; tests compare the two.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import numpy as np
 from armd.compiled.jit import jit
 from armd.drivers.serial.wire import CRC_RESIDUE, Type, make_row_layout
 
-#: Bytes that COBS and the final 0x00 add to a SAMPLE, whose bytes are fewer than 254.
+#: Bytes that COBS and the final 0x00 add to a SAMPLE of fewer than 254 bytes.
 FRAMING = 2
-#: Packets of one read for which there is room; of more, `wire` takes care.
+#: The most packets of one read; `wire` decodes larger reads.
 ROOM = 256
-#: Of CRC-32, by a byte.
+#: The table of CRC-32, by byte.
 _TABLE = np.array([zlib.crc32(bytes([k]), 0xFFFFFFFF) ^ 0xFFFFFFFF for k in range(256)], np.uint32)
 _ALL_ONES, _RESIDUE = np.uint32(0xFFFFFFFF), np.uint32(CRC_RESIDUE)
 _EIGHT = np.uint32(8)
@@ -25,7 +25,7 @@ _SAMPLE = int(Type.SAMPLE)
 
 
 class SampleBytes:
-    """A read's bytes and the rows that they hold, in memory that compiled functions share."""
+    """The bytes of one read and their rows, in memory that compiled functions share."""
 
     def __init__(self, n_joints: int) -> None:
         layout = make_row_layout(n_joints)
@@ -37,7 +37,7 @@ class SampleBytes:
         self.row_bytes = self.rows.view(np.uint8).reshape(ROOM, layout.itemsize)
 
     def put(self, data: bytes) -> int:
-        """How many SAMPLEs *data* holds if it holds nothing else; 0: something else, or none."""
+        """Store *data*; return the number of its SAMPLEs, or 0 if it cannot be SAMPLEs only."""
         n, rest = divmod(len(data), self.packet_bytes)
         if rest or n > ROOM:
             return 0
@@ -47,15 +47,18 @@ class SampleBytes:
 
 @jit
 def unpack_samples(n: int, packets: Any, row_bytes: Any) -> bool:
-    """Fill the first *n* rows, as bytes (≥ n, R), from *packets* (≥ n, R + 2); whether each is a
-    SAMPLE of its length, number of joints and CRC, its time no nonsense."""
+    """Fill the first *n* rows, as bytes (≥ n, R), from *packets* (≥ n, R + 2).
+
+    Returns whether each is a SAMPLE with the right length, number of joints and CRC, and a valid
+    time.
+    """
     length = row_bytes.shape[1]
     joints = (length - 20) // 4
     for i in range(n):
         packet, row = packets[i], row_bytes[i]
         if packet[length + 1] != 0:
             return False
-        end = np.int64(0)  # of the present group of COBS
+        end = np.int64(0)  # end of the present group of COBS
         for k in range(length + 1):
             byte = packet[k]
             if byte == 0:

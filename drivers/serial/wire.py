@@ -1,8 +1,8 @@
-"""Serial wire, version 1: message layouts, encoding, decoding, and cutting a stream into packets.
+"""The serial wire, version 1: message layouts, encoding, decoding, and cutting into packets.
 
 A packet is ``COBS(body ‖ CRC-32(body)) ‖ 0x00``; ``body[0]`` is the type; integers are
-little-endian. The layouts below are numpy dtypes and include the type byte, so that a run of
-equal packets is one `numpy.frombuffer`. Nothing here knows time, ports or joints' meaning.
+little-endian. The layouts below are numpy dtypes and include the type byte, so that a run of equal
+packets is one `numpy.frombuffer`. Nothing here uses time, ports or the meaning of joints.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from armd.arrays import F64
 
 PROTOCOL = 1
 SERIAL_NUMBER_BYTES = 16
-PACKET_LIMIT = 4096  # a longer run without 0x00 is junk
+PACKET_LIMIT = 4096  # a longer sequence without 0x00 is junk
 TEMPERATURE_UNIT_C = 0.01
-T_US_LIMIT = 1 << 53  # 285 years: a time beyond it is nonsense, and overflows in nanoseconds
+T_US_LIMIT = 1 << 53  # 285 years: a later time is invalid, and overflows in nanoseconds
 CHANNELS_MAX = 16  # width of TEMPERATURE's valid mask
 
 #: CRC-32 of any message followed by its own CRC-32: one call checks a packet without slicing.
@@ -55,7 +55,7 @@ def make_sample_layout(n_joints: int) -> np.dtype[np.void]:
 
 @cache
 def make_row_layout(n_joints: int) -> np.dtype[np.void]:
-    """A SAMPLE as it is unpacked."""
+    """Return the layout of an unpacked SAMPLE with its CRC."""
     return np.dtype([*make_sample_layout(n_joints).descr, ("crc", "<u4")])
 
 
@@ -91,7 +91,7 @@ def make_hello_layout(n_joints: int) -> np.dtype[np.void]:
 PONG_LAYOUT = np.dtype([("type", "u1"), ("nonce", "<u4"), ("t_us", "<u8")])
 PING_LAYOUT = np.dtype([("type", "u1"), ("nonce", "<u4")])
 
-# Where SAMPLE and TEMPERATURE say how many values follow, and how long they are without any.
+# Position of the number of values in each message, and its length without values.
 _SAMPLE_N, _SAMPLE_HEAD = 3, make_sample_layout(0).itemsize
 _TEMPERATURE_N, _TEMPERATURE_HEAD = 1, make_temperature_layout(0).itemsize
 _HELLO_N, _HELLO_HEAD = 2, make_hello_layout(0).itemsize
@@ -99,7 +99,7 @@ _HELLO_N, _HELLO_HEAD = 2, make_hello_layout(0).itemsize
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """What an arm says of itself."""
+    """The properties that an arm reports in HELLO."""
 
     protocol: int
     n_joints: int
@@ -123,13 +123,13 @@ class Pong:
 
 
 def pack(body: bytes) -> bytes:
-    """A body (type byte first) as it crosses the wire."""
+    """Encode a body (type byte first) as a packet."""
     framed: bytes = cobs.encode(body + zlib.crc32(body).to_bytes(4, "little"))
     return framed + b"\0"
 
 
 def unpack(packet: bytes) -> bytes | None:
-    """Body *and its four CRC bytes* of a packet without its 0x00; None if the CRC fails.
+    """Return body *and its four CRC bytes* of a packet without its 0x00; None if the CRC fails.
 
     Raises `cobs.DecodeError` where the packet is not COBS.
     """
@@ -140,7 +140,7 @@ def unpack(packet: bytes) -> bytes | None:
 def encode_sample(
     seq: int, t_us: int, counts: npt.ArrayLike, joint_status: int = 0, buttons: int = 0
 ) -> bytes:
-    """One SAMPLE packet; *seq* and *counts* are taken modulo 2^32."""
+    """Encode one SAMPLE packet; *seq* and *counts* are taken modulo 2^32."""
     wrapped = np.asarray(counts, dtype=np.int64) & 0xFFFFFFFF
     row = np.zeros((), make_sample_layout(len(wrapped)))
     row["type"], row["n"] = Type.SAMPLE, len(wrapped)
@@ -150,7 +150,7 @@ def encode_sample(
 
 
 def encode_temperature(t_us: int, celsius: npt.ArrayLike) -> bytes:
-    """One TEMPERATURE packet; NaN, and what does not fit into its field, is sent as invalid."""
+    """Encode one TEMPERATURE packet; NaN and values too large for the field are sent as invalid."""
     values = np.asarray(celsius, dtype=np.float64)
     ticks = np.nan_to_num(np.round(values / TEMPERATURE_UNIT_C), nan=np.inf)
     fits = np.abs(ticks) <= np.iinfo(np.int16).max
@@ -183,7 +183,7 @@ def encode_identify() -> bytes:
 
 
 def is_sample(data: bytes, n_joints: int) -> bool:
-    """Whether an unpacked SAMPLE (with CRC) is one of *n_joints*, its time no nonsense."""
+    """Return whether an unpacked SAMPLE (with CRC) is one of *n_joints* with a valid time."""
     return (
         len(data) == _SAMPLE_HEAD + 4 * n_joints + 4
         and data[_SAMPLE_N] == n_joints
@@ -193,12 +193,12 @@ def is_sample(data: bytes, n_joints: int) -> bool:
 
 
 def decode_samples(run: list[bytes], n_joints: int) -> npt.NDArray[np.void]:
-    """Unpacked SAMPLEs of *n_joints* each → one array (m,) of `make_row_layout(n_joints)`."""
+    """Decode unpacked SAMPLEs of *n_joints* to an array (m,) of `make_row_layout(n_joints)`."""
     return np.frombuffer(bytearray().join(run), make_row_layout(n_joints))
 
 
 def decode_temperature(data: bytes) -> TemperatureReading | None:
-    """An unpacked TEMPERATURE; None where its length is wrong or its time nonsense."""
+    """Decode an unpacked TEMPERATURE; None where its length is wrong or its time invalid."""
     n = data[_TEMPERATURE_N]
     if n > CHANNELS_MAX or len(data) != _TEMPERATURE_HEAD + 2 * n + 4:
         return None
@@ -211,9 +211,9 @@ def decode_temperature(data: bytes) -> TemperatureReading | None:
 
 
 def decode_hello(data: bytes) -> Hello | None:
-    """An unpacked HELLO; None where its length is wrong.
+    """Decode an unpacked HELLO; None where its length is wrong.
 
-    Of another protocol version only the version is known; the rest is zero.
+    For another protocol version only the version is known; the rest is zero.
     """
     if len(data) < 2 + 4:
         return None
@@ -234,7 +234,7 @@ def decode_hello(data: bytes) -> Hello | None:
 
 
 def decode_pong(data: bytes) -> Pong | None:
-    """An unpacked PONG; None where its length is wrong or its time nonsense."""
+    """Decode an unpacked PONG; None where its length is wrong or its time invalid."""
     if len(data) != PONG_LAYOUT.itemsize + 4:
         return None
     row = np.frombuffer(data[:-4], PONG_LAYOUT)[0]
@@ -244,17 +244,17 @@ def decode_pong(data: bytes) -> Pong | None:
 
 
 def decode_ping(data: bytes) -> int | None:
-    """The nonce of an unpacked PING; None where its length is wrong."""
+    """Return the nonce of an unpacked PING; None where its length is wrong."""
     if len(data) != PING_LAYOUT.itemsize + 4:
         return None
     return int(np.frombuffer(data[:-4], PING_LAYOUT)[0]["nonce"])
 
 
 class CobsSplitter:
-    """Cuts bytes, however they come, into packets at 0x00.
+    """Cuts bytes, in pieces of any size, into packets at 0x00.
 
-    `push` returns complete packets without their 0x00. What exceeds `PACKET_LIMIT` is junk: it
-    is dropped up to the next 0x00 and counted in `junk`.
+    `push` returns complete packets without their 0x00. A longer sequence than `PACKET_LIMIT` is
+    junk: it is dropped up to the next 0x00 and counted in `junk`.
     """
 
     def __init__(self) -> None:
@@ -262,20 +262,22 @@ class CobsSplitter:
         self.reset()
 
     def reset(self) -> None:
-        """Forget a half packet, as after a broken connection."""
+        """Forget an incomplete packet, as after a broken connection."""
         self._tail = b""
         self._skipping = False
 
     def cut(self, data: bytes) -> tuple[bytes, bytes]:
-        """The whole packets, each with its 0x00, that *data* completes, and what is left over to
-        `keep`; nothing where junk is among it."""
+        """Return the packets that *data* completes, each with its 0x00, and the rest for `keep`.
+
+        Both are empty if there is junk among them.
+        """
         stream = self._tail + data
         end = stream.rfind(b"\0") + 1
         is_junk = self._skipping or len(stream) - end > PACKET_LIMIT
         return (b"", b"") if is_junk else (stream[:end], stream[end:])
 
     def keep(self, tail: bytes) -> None:
-        """What `cut` left over."""
+        """Keep the rest that `cut` returned."""
         self._tail = tail
 
     def push(self, data: bytes) -> list[bytes]:

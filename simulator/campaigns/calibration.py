@@ -1,6 +1,6 @@
-"""Sessions to calibrate the demo arm with: the ball beam at several temperatures.
+"""Sessions for a calibration of the demo arm: the ball beam at several temperatures.
 
-The arm is the live simulator's of the same seed, and its arm.toml the drawing.
+The arm is the live simulator's of the same seed, and its arm.toml has nominal values.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import SELF_HEATING_W
 
-#: Beyond what a warm-up by 10 K from a cool or a warm room reaches.
+#: A wider range than that of a warm-up by 10 K from a cool or a warm room.
 TEMPERATURES_C = (14, 20, 26, 32, 38)
 STEP_H = 8.0
 
 
 def plan_demo(seed: int, noise: Noise) -> Campaign:
-    """What `armd demo` identifies its calibration from: five temperatures, quickly made."""
+    """Plan the sessions of `armd demo`'s calibration: five temperatures, quickly made."""
     plans = [
         SessionPlan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), plan_rounds(3, 3))
         for i, celsius in enumerate(TEMPERATURES_C)
@@ -30,7 +30,7 @@ def plan_demo(seed: int, noise: Noise) -> Campaign:
 
 
 def plan_calibration(seed: int, noise: Noise) -> Campaign:
-    """A thorough set: five temperatures, four placements and four articulations each."""
+    """Plan a thorough set: five temperatures, four placements and articulations each."""
     plans = [
         SessionPlan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), plan_rounds(4, 4))
         for i, celsius in enumerate(TEMPERATURES_C)
@@ -39,7 +39,7 @@ def plan_calibration(seed: int, noise: Noise) -> Campaign:
 
 
 def plan_isothermal(seed: int, noise: Noise) -> Campaign:
-    """Two sessions at one temperature: geometry only."""
+    """Plan two sessions at one temperature: for geometry only."""
     plans = [
         SessionPlan(name, STEP_H * i, Climate(20.0), plan_rounds(4, 4))
         for i, name in enumerate(("first", "second"))
@@ -48,7 +48,7 @@ def plan_isothermal(seed: int, noise: Noise) -> Campaign:
 
 
 def plan_warm_up(seed: int, noise: Noise) -> Campaign:
-    """From switching on a cold arm over three hours, and then with the room warming by 4 K/h."""
+    """Plan a warm-up of a cold arm over three hours, then a room warming by 4 K/h."""
     power = 2.5 * SELF_HEATING_W
     plans = [
         SessionPlan(
@@ -60,7 +60,7 @@ def plan_warm_up(seed: int, noise: Noise) -> Campaign:
 
 
 def plan_seats(seed: int, noise: Noise) -> Campaign:
-    """Kinematic seats whose positions nobody knows, ten articulations each, two temperatures."""
+    """Plan kinematic seats at unknown positions, ten articulations each, two temperatures."""
     sessions: list[tuple[SessionPlan, Artefact]] = []
     for i, celsius in enumerate((20, 28)):
         visits = tuple(Visit(f"P{p + 1}", (), 10) for p in range(8))

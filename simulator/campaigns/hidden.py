@@ -21,24 +21,24 @@ BALL_UNCERTAINTY_MM = 0.002
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """How a case is measured: sessions of twenty balls with several articulations each."""
+    """The design of a case: sessions of twenty balls with several articulations each."""
 
     sessions: int = 8
     articulations: int = 5
     celsius: tuple[float, float] = (16.0, 28.0)  # first and last of the sessions' temperatures
     ramp_k_per_h: float = 4.0
     ramps: int = 1  # sessions on that ramp
-    heated_links: bool = True  # links warmed one by one, differently in each session
-    fast_rad_s: float = 0.8  # joint rates of one of the sessions
-    slow_rad_s: float = 0.05  # and of the others: readings in passing
-    payload_kg: float = 0.0  # in one of the sessions; nothing in it tells of it
+    heated_links: bool = True  # links warmed individually, differently in each session
+    fast_rad_s: float = 0.8  # joint rates in one of the sessions
+    slow_rad_s: float = 0.05  # and in the others: readings in motion
+    payload_kg: float = 0.0  # in one of the sessions, whose files do not mention it
     certified: bool = True  # False: the balls' positions are unknown
     ranges_deg: dict[int, tuple[float, float]] = field(default_factory=dict)  # by joint
-    holdout: int = 2  # more sessions, for the gain
-    before: int = 0  # sessions from before anything was wrong, for a calibration to be held
-    earlier: Design | None = None  # how those were measured; None: like the others
+    holdout: int = 2  # further sessions, for the gain
+    before: int = 0  # sessions of the healthy arm, for a given calibration
+    earlier: Design | None = None  # their design; None: like the others
     levels_c: tuple[float, ...] = ()  # of each session, in order; (): evenly spaced, shuffled
-    expanding: bool = True  # False: links and stylus of a material that no temperature changes
+    expanding: bool = True  # False: links and stylus without thermal expansion
 
 
 DESIGNS: dict[str, Design] = {
@@ -62,13 +62,13 @@ DESIGNS: dict[str, Design] = {
 
 
 def plan_diagnosis(seed: int, noise: Noise) -> Campaign:
-    """Sessions to try `armd diagnose` on: the standard design; plant what should be found."""
+    """Plan sessions of the standard design, for `armd diagnose` after a cause was planted."""
     _, later = plan_campaigns(seed, Design(), noise)
     return later
 
 
 def plan_campaigns(seed: int, design: Design, noise: Noise = NOISE) -> tuple[Campaign, Campaign]:
-    """The sessions from before (healthy), and those to diagnose with the held-out ones.
+    """Plan the earlier sessions of the healthy arm, and those to diagnose with the held-out ones.
 
     Both are of the same arm and artefact; names start with "before", "session" and "holdout".
     """
@@ -100,11 +100,11 @@ def _on(frame: Artefact, plans: list[SessionPlan]) -> list[tuple[SessionPlan, Ar
 def _plans(
     name: str, count: int, start_h: float, design: Design, rng: np.random.Generator
 ) -> list[SessionPlan]:
-    """Sessions four hours apart, some of them on a ramp, one fast, one with a payload if any.
+    """Plan sessions four hours apart: some on a ramp, one fast, one with a payload if any.
 
-    A payload is known neither to the arm file nor to the session: to the model it is a second
-    error beside the one planted, so the standard design has none. Held out sessions judge the
-    model as the arm is used, without one.
+    Neither the arm file nor the session states the payload. To the model it is a second error
+    beside the planted one, so the standard design has none. Held-out sessions judge the model
+    without a payload, as the arm is used.
     """
     celsius = rng.permutation(np.linspace(*design.celsius, max(count, 1)))
     if design.levels_c and name != "holdout":

@@ -1,8 +1,8 @@
-"""Interim checks of one arm over weeks: a few minutes a day, and what happens to it meanwhile.
+"""Interim checks of one arm over weeks: a few minutes a day, and the faults that occur meanwhile.
 
-A `Happening` is something that goes wrong at a day: a plant of any cause, sudden or worn in by use,
-or a single bad check (a grain of dirt in a seat, the wrong artefact on the table). Each day's arm
-is built anew with the day's share of every plant, by the same physics as anywhere else.
+A `Happening` is a fault from a day on: a plant of any cause, sudden or by wear. A check itself may
+be bad too (a grain of dirt in a seat, the wrong artefact). Each day's arm is rebuilt with the day's
+share of every plant, by the same physics as everywhere.
 """
 
 from __future__ import annotations
@@ -30,24 +30,26 @@ from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import SELF_HEATING_W
 from armd.simulator.truth.rotations import draw_directions, rotate_about
 
-#: The first check is so long after the arm was mounted, when it has been calibrated.
+#: Hours from the mounting of the arm to the first check; it has been calibrated by then.
 FIRST_H = 75.0
-#: What a check is measured on, with how many readings of each target.
+#: The artefacts of a check, with the number of readings of each target.
 ARTEFACTS: dict[str, tuple[Callable[[np.random.Generator], Artefact], int]] = {}
 Bad = Literal["dirty-seat", "wrong-artefact"]
 BAD: tuple[Bad, ...] = ("dirty-seat", "wrong-artefact")
 MOST_TRIES = 100
-#: How far a grain of dirt lifts the tip, and how far another bar's length is off, mm.
+#: Displacement by a grain of dirt, and length error of a wrong bar, mm.
 GRAIN_MM, OTHER_MM = 0.04, 0.15
-#: Of how a plant is drawn where it may be either: there all along from its day on.
+#: Details of a plant that may be sudden or lasting: it lasts from its day on.
 LASTING: dict[str, float | str] = {"instant_s": -np.inf, "kind": "once"}
 MOUNT: dict[str, float | str] = {"instant_s": -np.inf, "kind": "step"}
 
 
 @dataclass(frozen=True)
 class Happening:
-    """A plant from a day on, so that this day's check is the first that has it; one that grows
-    reaches its size on the last day, with use."""
+    """A plant from a day on: the check of this day is the first one with it.
+
+    One that grows does so with use, and reaches its size on the last day.
+    """
 
     plant: Plant
     day: float
@@ -56,7 +58,7 @@ class Happening:
 
 @dataclass(frozen=True)
 class CheckSeries:
-    """Checks of *days* days, what goes wrong with the arm, and which checks are bad."""
+    """Checks of *days* days, the faults of the arm, and the bad checks."""
 
     days: int
     happenings: tuple[Happening, ...] = ()
@@ -65,7 +67,7 @@ class CheckSeries:
 
 
 def parse_happening(text: str, default_day: float) -> Happening:
-    """`cause@location=size@day`, with a `+` behind the day of what grows with use from then on."""
+    """Parse `cause@location=size@day`; a `+` behind the day: it grows with use from then on."""
     head, at_sign, day = text.rpartition("@")
     if not at_sign or "=" not in head:
         return Happening(parse_plant(text), default_day)
@@ -77,7 +79,7 @@ def parse_happening(text: str, default_day: float) -> Happening:
 
 
 def parse_bad(text: str) -> tuple[Bad, int]:
-    """`dirty-seat@17`: a kind of bad check, and its day."""
+    """Parse `dirty-seat@17`: a kind of bad check, and its day."""
     kind, _, day = text.partition("@")
     for bad_kind in BAD:
         if kind == bad_kind and day.isdecimal():
@@ -86,12 +88,12 @@ def parse_bad(text: str) -> tuple[Bad, int]:
 
 
 def find_instant(day: float) -> datetime:
-    """When a day's check may begin: a happening of that day has happened by then."""
+    """Return when a day's check may begin: after that day's happening."""
     return MOUNTED + timedelta(hours=FIRST_H + 24.0 * (day - 1))
 
 
 def use(days: int, seed: int) -> F64:
-    """(days + 1,) how much the arm has been used until each day, of all its use: 0 … 1.
+    """Draw the share of its use (0 … 1) that the arm has had until each day: (days + 1,).
 
     It rests at weekends, and some days are long.
     """
@@ -103,7 +105,7 @@ def use(days: int, seed: int) -> F64:
 
 
 def compute_share(happening: Happening, day: float, used: F64) -> float:
-    """How much of a happening is there at *day*."""
+    """Return the share of a happening that is present at *day*."""
     if day < happening.day:
         return 0.0
     if not happening.grows:
@@ -114,19 +116,19 @@ def compute_share(happening: Happening, day: float, used: F64) -> float:
 
 
 def make_seats(rng: np.random.Generator) -> Artefact:
-    """Three seats on a plate; where they are nobody knows."""
+    """Make three seats on a plate, at unknown positions."""
     seats_mm = np.array([[0.0, 0.0, 0.0], [180.0, 0.0, 40.0], [60.0, 160.0, 90.0]])
     seats_mm = seats_mm + rng.normal(0.0, 0.3, (3, 3))
     return Artefact("seats", ["S1", "S2", "S3"], np.full((3, 3), np.nan), seats_mm, 0.0, 0.0, 0.0)
 
 
 def make_sphere(rng: np.random.Generator) -> Artefact:
-    """A sphere on a stand, its centre unknown."""
+    """Make a sphere on a stand, its centre unknown."""
     return Artefact("sphere", ["S1"], np.full((1, 3), np.nan), np.zeros((1, 3)), 0.0, 0.0, 0.0)
 
 
 def make_bar(rng: np.random.Generator) -> Artefact:
-    """Two balls 500 mm apart on carbon, their distance certified to 0.5 µm."""
+    """Make two balls 500 mm apart on carbon, their distance certified to 0.5 µm."""
     true = np.array([[0.0, 0.0, 0.0], [500.0 + rng.normal(0.0, 0.05), 0.0, 0.0]])
     certified = float(np.round(true[1, 0] + rng.normal(0.0, 5e-4), 5))
     unknown = np.full((2, 3), np.nan)
@@ -138,13 +140,13 @@ ARTEFACTS |= {"seats": (make_seats, 7), "sphere": (make_sphere, 15), "bar": (mak
 
 
 def plan_interim(seed: int, noise: Noise, artefact: str = "bar") -> Campaign:
-    """The rig as it is on the first day; `measure_checks` measures it."""
+    """Make the campaign of the first day, without sessions; `measure_checks` measures it."""
     rig_artefact = ARTEFACTS[artefact][0](np.random.default_rng([seed, 0x1A7]))
     return Campaign(nominal.make_arm_toml(), Rig(TrueArm.default(seed), rig_artefact, noise), [])
 
 
 def find_first_day(happening: Happening, used: F64) -> float:
-    """The day from which something is there: wear begins when the arm is used, not at rest."""
+    """Return the first day with an effect: wear begins when the arm is used, not at rest."""
     if not happening.grows:
         return happening.day
     days = np.arange(len(used))
@@ -161,8 +163,10 @@ def plant_happenings(
     drawn: int,
     plan: SessionPlan,
 ) -> Campaign:
-    """What was *begun* as it is on a day, with all that has happened; *drawn*: the seed of what is
-    drawn of the happenings."""
+    """Return the campaign *begun* with all happenings until a day.
+
+    *drawn*: the seed of their random properties.
+    """
     today = begun
     for number, happening in enumerate(happenings):
         size = compute_share(happening, day, used)
@@ -173,8 +177,10 @@ def plant_happenings(
 def measure_checks(
     history: CheckSeries, seed: int, noise: Noise, drawn: int | None = None
 ) -> Iterator[Measured]:
-    """Measure check after check with the arm of *seed*; *drawn*: the seed of all else, if
-    another."""
+    """Measure check after check with the arm of *seed*.
+
+    *drawn*: the seed of everything else, if it is another one.
+    """
     for happening in history.happenings:
         if not 0 <= happening.day <= history.days:
             expected = f"0 to {history.days}, the days of the history"
@@ -211,7 +217,7 @@ def measure_checks(
 def _planted(
     today: Campaign, plant: Plant, size: float, seed: list[int], plan: SessionPlan
 ) -> Campaign:
-    """Today's share of a plant; drawn alike every day, what is drawn of it."""
+    """Plant today's share of a plant, with the same random properties every day."""
     if size == 0.0:
         return today
     lasting = MOUNT if plant.cause == "mount_drift" else LASTING
@@ -231,7 +237,7 @@ def _spoilt(rig: Rig, kind: Bad, rng: np.random.Generator) -> Rig:
     begins = rng.uniform(0.2, 0.5)
 
     def spoil(later: np.random.Generator, n: int) -> F64:
-        """From some reading on the grain is under the ball, when the ball happens to press it."""
+        """Displace the ball from some reading on, whenever it presses on the grain."""
         under = (np.arange(n) >= begins * n) & (later.uniform(size=n) < 0.6)
         return np.where(under[:, None], grain, 0.0)
 
@@ -241,7 +247,7 @@ def _spoilt(rig: Rig, kind: Bad, rng: np.random.Generator) -> Rig:
 def _poses(
     stand: Placement, artefact: Artefact, count: int, reach: Reach, rng: np.random.Generator
 ) -> tuple[Placement, F64]:
-    """Where the artefact stands today, and how the arm reaches its targets (K, count, N)."""
+    """Return today's placement of the artefact, and postures at its targets (K, count, N)."""
     for _ in range(MOST_TRIES):
         pose = _put_again(stand, rng)
         try:
@@ -252,7 +258,7 @@ def _poses(
 
 
 def _put_again(stand: Placement, rng: np.random.Generator) -> Placement:
-    """The artefact on its mark on the table, as well as a hand puts it there."""
+    """Return the placement when a hand puts the artefact on its mark again."""
     turn = rotate_about(np.array([0.0, 0.0, rng.normal(0.0, np.radians(1.0))]))
     return replace(
         stand, rotation=turn @ stand.rotation, origin_mm=stand.origin_mm + rng.normal(0.0, 2.0, 3)

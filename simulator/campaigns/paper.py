@@ -1,9 +1,10 @@
-"""The founding paper's experiment: one ball beam, eight temperatures from 16 to 30 °C.
+"""The 2014 paper's experiment: one ball beam, eight temperatures from 16 to 30 °C.
 
-At each temperature one session for identification and one for validation, in placements of its
-own ("heldout-…"). The arm.toml is the arm's earlier calibration at 20 °C, from which it has moved
-a little since, so that uncorrected distances err by 70–150 µm at every temperature, as in the
-paper's Table 1.
+The paper: *Thermally Induced Errors Modeling and Control for PCMA*, Chinese Optics Letters 12,
+S11203. Each temperature has a session for identification and one for validation with its own
+placements ("heldout-…"). The arm.toml is the arm's earlier calibration at 20 °C. The arm has
+changed a little since, so that uncorrected distances err by 70–150 µm at every temperature, as in
+the paper's Table 1.
 """
 
 from __future__ import annotations
@@ -23,15 +24,15 @@ from armd.simulator.truth.effects import BendingStylus, EccentricDisc
 from armd.simulator.truth.rotations import ARC_SECOND
 
 TEMPERATURES_C = (16, 18, 20, 22, 24, 26, 28, 30)
-#: In what proportion lengths and angles have moved since the calibration that arm.toml states …
+#: The proportion of changes of lengths and angles since the calibration in arm.toml …
 AGED_MM, AGED_ARCSEC = 0.02, 7.0
-#: … and by how much: the largest error of a distance is to be about as in the paper's Table 1 at
+#: … and their size: the largest error of a distance must be about that of the paper's Table 1 at
 #: 20 °C, µm, and within these bounds at the ends and in the middle of its temperatures.
 AGED_UM, LEAST_UM, MOST_UM = 100.0, 88.0, 130.0
 #: Expansion coefficients grow with temperature: aluminium's by about 1e-8 /K per K.
 GROWTH_PER_K2 = 0.8e-8
-#: What its maker left in the arm: discs centred to 0.04 µm (0.3″) after mapping, and a stylus that
-#: gives by 0.5 µm. No thermal model knows of either.
+#: The maker's residual errors: discs centred to 0.04 µm (0.3″) after mapping, and a stylus that
+#: bends by 0.5 µm. No thermal model contains either.
 LEFT_ECCENTRICITY_UM, LEFT_STYLUS_UM = 0.04, 0.5
 #: Hours at each temperature before the first reading; a session and its held-out one follow.
 STEP_H = 8.0
@@ -63,8 +64,10 @@ def plan_paper(seed: int, noise: Noise) -> Campaign:
 
 
 def _before_ageing(arm: TrueArm, beam: Artefact, rng: np.random.Generator) -> TrueArm:
-    """The arm as its maker calibrated it, with changes since then drawn until its distances err
-    as those of the paper's arm did."""
+    """Draw the arm as its maker calibrated it.
+
+    The changes since then are drawn until its distances err like those of the paper's arm.
+    """
     rig = Rig(arm, beam, Noise().scaled(0.0))
     reach = find_reach(rig, rng)
     trials = [
@@ -79,7 +82,7 @@ def _before_ageing(arm: TrueArm, beam: Artefact, rng: np.random.Generator) -> Tr
         rows[:, [0, 3]] = rng.normal(0.0, AGED_ARCSEC * ARC_SECOND, (n, 2))
         tip = rng.normal(0.0, AGED_MM, 3)
         share = 1.0
-        # Proportion, then once more for what expansion adds.
+        # Scale in proportion, then again for the part of expansion.
         for _ in range(3):
             then = replace(
                 inert, rows=arm.rows + share * rows, tip_offset=arm.tip_offset + share * tip
@@ -91,7 +94,7 @@ def _before_ageing(arm: TrueArm, beam: Artefact, rng: np.random.Generator) -> Tr
 
 
 def _largest_change(then: TrueArm, now: TrueArm, trial: Measured) -> float:
-    """The largest difference of a distance between targets for two arms at the same angles, mm."""
+    """Return the largest difference (mm) of a distance between targets for two arms."""
     balls = len(trial.artefact.targets)
     pairs = np.triu_indices(balls, 1)
     tips = [arm.tip(trial.phi, trial.conditions) for arm in (then, now)]

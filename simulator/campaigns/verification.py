@@ -1,9 +1,9 @@
-"""One session with all that ISO 10360-12 and ASME B89.4.22 ask for.
+"""One session with all tests of ISO 10360-12 and ASME B89.4.22.
 
-The names of the targets say which test a reading belongs to:
+The names of the targets determine the test of a reading:
 
 - ``SPHERE1.01`` … ``SPHERE2.25``: 25 contact points on a test sphere in two positions (P_Size,
-  P_Form). A contact point is a target of its own: the tip's centre stands there, R + r from the
+  P_Form). A contact point is its own target: the tip's centre is there, R + r from the
   sphere's centre. The certified diameter is the length between ``SPHERE.a`` and ``SPHERE.b``.
 - ``LDIA.1.1`` … ``LDIA.5.5``: five points on the sphere in each of five arm orientations (L_Dia).
 - ``EFFDIA.1.1`` … ``EFFDIA.3.9``: nine points, three repeats (effective diameter).
@@ -33,13 +33,13 @@ LENGTHS_MM = (160.0, 480.0, 800.0, 1200.0, 1600.0)
 BARS_MM = {"BARS": 780.0, "BARL": 1620.0}
 LENGTH_UNCERTAINTY_MM = 0.0005
 Rings = tuple[tuple[float, int], ...]  # degrees from the sphere's pole, points
-#: 25 points as ISO 10360-5 has them, 9 as B89.4.22, 5 that hold a centre: all above the stem.
+#: 25 points as in ISO 10360-5, 9 as in B89.4.22, 5 that determine a centre: all above the stem.
 RINGS_25: Rings = ((0.0, 1), (22.5, 4), (45.0, 8), (67.5, 4), (90.0, 8))
 RINGS_9: Rings = ((0.0, 1), (45.0, 4), (90.0, 4))
 RINGS_5: Rings = ((0.0, 1), (90.0, 4))
 #: The bars are of steel, certified at 20 °C.
 STEEL_PER_K = 11.5e-6
-#: How well an arm that comes to be verified agrees with its arm.toml.
+#: How well an arm agrees with its arm.toml before verification.
 CERTIFIED_MM, CERTIFIED_ARCSEC = 0.002, 0.5
 EVERYWHERE = (260.0, 1120.0)  # from the shoulder
 ACROSS = (200.0, 1150.0)  # from the column's axis
@@ -58,7 +58,7 @@ def plan_verification(seed: int, noise: Noise) -> Campaign:
 
 
 def make_artefacts(rng: np.random.Generator) -> Artefact:
-    """Sphere, bars and seats as the targets of one session; only lengths are certified."""
+    """Make sphere, bars and seats as targets of one session; only lengths are certified."""
     diameter = SPHERE_MM + rng.normal(0.0, 0.002)
     true: dict[str, F64] = {
         "SPHERE.a": np.array([0.0, 0.0, -diameter / 2]),
@@ -96,7 +96,7 @@ def make_artefacts(rng: np.random.Generator) -> Artefact:
 
 
 def plan_visits(artefact: Artefact) -> tuple[Visit, ...]:
-    """All placements, test after test."""
+    """Plan all placements, test after test."""
 
     def starting(prefix: str) -> tuple[str, ...]:
         return tuple(name for name in artefact.targets if name.startswith(prefix))
@@ -120,7 +120,7 @@ def plan_visits(artefact: Artefact) -> tuple[Visit, ...]:
 
 
 def _contacts(rng: np.random.Generator) -> dict[str, F64]:
-    """Where the sphere is touched, name → unit vector: every pattern begins anywhere around."""
+    """Draw contacts on the sphere, name → unit vector; each pattern has a random azimuth."""
     patterns = {f"SPHERE{position}.": (RINGS_25, 2) for position in (1, 2)}
     patterns |= {f"LDIA.{orientation}.": (RINGS_5, 1) for orientation in range(1, 6)}
     patterns |= {f"EFFDIA.{repeat}.": (RINGS_9, 1) for repeat in (1, 2, 3)}
@@ -132,7 +132,7 @@ def _contacts(rng: np.random.Generator) -> dict[str, F64]:
 
 
 def _rings(rings: Rings, turned_rad: float) -> F64:
-    """Unit vectors (n, 3), each ring's first point half of its own spacing further around."""
+    """Return unit vectors (n, 3); each ring's first point is turned by half of its spacing."""
     normals = []
     for from_pole_deg, count in rings:
         down = np.radians(from_pole_deg)

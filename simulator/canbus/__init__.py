@@ -1,1 +1,1 @@
-"""The simulated arm as CANopen nodes, over whatever carries CAN frames here."""
+"""The simulated arm as CANopen nodes, on several kinds of CAN wires."""

@@ -19,7 +19,7 @@ from armd.simulator.live.physics import Block
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.live.truth_log import FaultLog, TruthFile
 
-TICK_S = 0.005  # how finely heartbeats and faults are timed while there is no SYNC
+TICK_S = 0.005  # time step of heartbeats and faults while there is no SYNC
 SYNCS_STOPPED_NS = 50_000_000
 TEMPERATURE_NS = 500_000_000
 ALARM_POSITION, WARNING_LIGHT = 0x0001, 0x0004  # bits of 6503 and of 6505
@@ -27,10 +27,10 @@ EMCY_HARDWARE, EMCY_NONE, REGISTER_GENERIC = 0x5000, 0x0000, 0x01
 
 
 class CanArm:
-    """All nodes of one arm; `run` is their one loop.
+    """All nodes of one arm; `run` is their only loop.
 
-    CAN carries no number of a latch, so the truth file's first column is the latch's instant on
-    the host's CLOCK_MONOTONIC in ns.
+    CAN carries no number of a latch, so the truth file's first column is the latch's instant on the
+    host's CLOCK_MONOTONIC in ns.
     """
 
     def __init__(
@@ -56,13 +56,13 @@ class CanArm:
         self._nodes: list[SimulatedNode] = [*self._encoders, *self._thermometers]
         self._clock = DeviceClock(scenario.rate_hz, scenario.clock_ppm)
         self._start_ns = 0
-        self._sync_k = 0  # of our own SYNCs, the next
+        self._sync_k = 0  # the next of our own SYNCs
         self._syncs = 0
         self._last_sync_ns = 0
         self._next_temperature_ns = 0
 
     def run(self) -> None:
-        """Live for the scenario's seconds, or until interrupted."""
+        """Run for the scenario's seconds, or until interrupted."""
         seconds = self._scenario.seconds
         self._clock.start()
         self._start_ns = self._clock.instant_ns(0)
@@ -83,13 +83,13 @@ class CanArm:
             self._flush()
 
     def close(self) -> None:
-        """Bring the truth log to an end."""
+        """Finish the fault log."""
         if any(node.preset_written for node in self._nodes):
             self._log.write("preset_written")
         self._log.write("stop", **self._now())
 
     def _spaced(self, arrival_ns: int, syncs_left: int) -> int:
-        """When a SYNC came of which *syncs_left* more were read together with it.
+        """Return when a SYNC came of which *syncs_left* more were read together with it.
 
         They all carry the last one's arrival, because this process was late: space them evenly.
         """
@@ -97,14 +97,14 @@ class CanArm:
         return arrival_ns - since_last_ns * syncs_left // (syncs_left + 1)
 
     def _patience_s(self) -> float:
-        """How long to wait for frames: until something is due."""
+        """Return how long to wait for frames until something is due."""
         if not self._scenario.sync_producer:
             return TICK_S
         wait_ns = self._clock.instant_ns(self._sync_k) - time.monotonic_ns()
         return min(max(wait_ns * 1e-9, 0.0), TICK_S)
 
     def _produce_syncs(self) -> None:
-        """One SYNC if one is due; those missed stay out, as from any producer that was held up."""
+        """Send one SYNC if one is due; missed ones are skipped, as by any late producer."""
         due_k = self._clock.latches_by(time.monotonic_ns())
         if due_k > self._sync_k:
             self._sync_k = due_k
@@ -112,7 +112,7 @@ class CanArm:
             self._on_sync(time.monotonic_ns())
 
     def _on_sync(self, now_ns: int) -> None:
-        """Every node latches at the SYNC's arrival and answers with its TPDOs."""
+        """Let every node latch at the SYNC's arrival and answer with its TPDOs."""
         self._last_sync_ns = now_ns
         self._change_faults()
         instant = self._timeline.advance_to((now_ns - self._start_ns) * 1e-9)
@@ -125,10 +125,10 @@ class CanArm:
         self._flush()
 
     def _tick(self) -> None:
-        """What happens without a SYNC."""
+        """Do the work that does not depend on SYNC."""
         now_ns = time.monotonic_ns()
         if now_ns - self._last_sync_ns > SYNCS_STOPPED_NS:
-            # Otherwise a change waits for the next SYNC: a fault of no length meets exactly one.
+            # With SYNCs, a change waits for the next one: a fault of 0 s affects exactly one.
             self._change_faults()
             self._latch(self._timeline.advance_to((now_ns - self._start_ns) * 1e-9), now_ns)
         for node in self._nodes:
@@ -184,7 +184,7 @@ class CanArm:
                 self._encoders[fault.joint - 1].emergency(EMCY_HARDWARE, REGISTER_GENERIC)
 
     def _set_states(self) -> None:
-        """Bring bus and nodes into the state that the active faults say."""
+        """Bring bus and nodes into the state of the active faults."""
         if self._schedule.is_on("bus_down"):
             self._wire.down()
         else:

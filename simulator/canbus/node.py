@@ -1,7 +1,7 @@
 """One CANopen node: NMT, heartbeat, SDO server, synchronous TPDOs, emergencies.
 
-The object dictionary and the SDO protocol are the `canopen` library's; its NMT and heartbeat run
-in threads, so these few rules are our own and run in the device's one loop.
+The object dictionary and the SDO protocol are the `canopen` library's. Its NMT and heartbeat run in
+threads, so these few rules are our own and run in the device's only loop.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from armd.simulator.canbus.wires import Frame
 SYNCHRONOUS = range(1, 241)  # transmission types: every n-th SYNC
 PDO_OFF = 1 << 31
 PRESET = 0x6003
-SERIAL_NUMBERS = 406000  # of the simulated nodes: this plus the node's number
+SERIAL_NUMBERS = 406000  # serial number of a simulated node: this plus its number
 
 
 class Tpdo(NamedTuple):
@@ -26,11 +26,11 @@ class Tpdo(NamedTuple):
 
     cob_id: int
     kind: int  # transmission type
-    objects: list[tuple[int, int]]  # index and sub-index of what it carries
+    objects: list[tuple[int, int]]  # index and sub-index of the mapped objects
 
 
 class SimulatedNode:
-    """A node that has just been switched on; subclasses say what it measures."""
+    """A node just after power-up; subclasses define its measured values."""
 
     def __init__(self, node_id: int, eds: Traversable, tpdos: int) -> None:
         self.node_id = node_id
@@ -42,29 +42,29 @@ class SimulatedNode:
         self._sdo.network = self  # for its `send_message`
         self.outbox: list[Frame] = []
         self.preset_written = False
-        self.mute = False  # neither hears nor speaks
+        self.mute = False  # neither receives nor sends
         self.no_heartbeat = False
         self.no_pdo = False
         self.boot()
 
     def read_measured(self, index: int, sub_index: int) -> int | None:
-        """The present value of an object; None for one that only stores what was written."""
+        """Return the present value of an object; None for one that only stores written values."""
         if index == can.ERROR_REGISTER:
             return self.error_register
         return SERIAL_NUMBERS + self.node_id if (index, sub_index) == can.SERIAL_NUMBER else None
 
     def boot(self) -> None:
-        """Factory settings, then the boot-up message."""
+        """Restore the factory settings, then send the boot-up message."""
         self._objects.factory_settings()
         self.error_register = 0
         self._state = can.PRE_OPERATIONAL
-        self._configuration: list[Tpdo] | None = None  # parsed anew after each write
+        self._configuration: list[Tpdo] | None = None  # parsed again after each write
         self._syncs = 0
         self._next_heartbeat_ns = 0
         self._send(can.HEARTBEAT_BASE + self.node_id, bytes([can.BOOT_UP]))
 
     def hear(self, frame: Frame) -> None:
-        """A frame of the host's, other than SYNC."""
+        """Receive a frame of the host other than SYNC."""
         if self.mute:
             return
         if (
@@ -92,12 +92,12 @@ class SimulatedNode:
             self._send(can.HEARTBEAT_BASE + self.node_id, bytes([self._state]))
 
     def emergency(self, code: int, register: int) -> None:
-        """Send EMCY; code 0 takes the last one back."""
+        """Send EMCY; code 0 resets the last one."""
         self.error_register = register
         self._send(can.EMCY_BASE + self.node_id, can.EMCY.pack(code, register))
 
     def send_message(self, can_id: int, data: bytes) -> None:
-        """The SDO server's way out."""
+        """Send a frame of the SDO server."""
         self._send(can_id, bytes(data))
 
     def _send(self, can_id: int, data: bytes) -> None:
@@ -140,7 +140,7 @@ class SimulatedNode:
         return [(entry >> 16, entry >> 8 & 0xFF) for entry in entries]
 
     def _before_write(self, index: int, sub_index: int) -> None:
-        """Refuse what CiA 301 forbids: a PDO is remapped only while it is off and empty."""
+        """Refuse writes that CiA 301 forbids: a PDO is remapped only while it is off and empty."""
         self.preset_written |= index == PRESET
         self._configuration = None
         number = index - can.TPDO_MAPPING

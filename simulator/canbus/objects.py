@@ -1,4 +1,4 @@
-"""A node's object dictionary: what its EDS says, what was written, what is measured."""
+"""A node's object dictionary: values of its EDS, written values, measured values."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class Objects:
         self._written: dict[tuple[int, int], bytes] = {}
 
     def factory_settings(self) -> None:
-        """Forget everything written."""
+        """Forget all written values."""
         self._written.clear()
 
     def number(self, index: int, sub_index: int) -> int:
-        """An unsigned object."""
+        """Return an unsigned object."""
         return int.from_bytes(self.get_data(index, sub_index), "little")
 
     def get_data(self, index: int, sub_index: int, check_readable: bool = False) -> bytes:

@@ -1,4 +1,4 @@
-"""The nodes an arm is made of: CiA 406 encoders and a CiA 404 temperature module."""
+"""The nodes of an arm: CiA 406 encoders and CiA 404 temperature modules."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EDS = files("armd.drivers.can") / "eds"
 
 
 class Encoder(SimulatedNode):
-    """Node k is the absolute encoder of joint k."""
+    """The absolute encoder of joint k: node k."""
 
     def __init__(self, node_id: int, counts_per_turn: int = COUNTS_PER_TURN) -> None:
         self.count = 0
@@ -33,7 +33,7 @@ class Encoder(SimulatedNode):
             case can.WARNINGS:
                 return self.warnings
             case can.UNITS_PER_TURN | can.TOTAL_RANGE | can.PHYSICAL_RESOLUTION:
-                return None if self._turn == COUNTS_PER_TURN else self._turn  # the EDS has that
+                return None if self._turn == COUNTS_PER_TURN else self._turn  # as in the EDS
         return super().read_measured(index, sub_index)
 
 

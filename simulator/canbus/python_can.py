@@ -1,4 +1,4 @@
-"""Buses that python-can reaches on both ends: SocketCAN, and UDP multicast on loopback."""
+"""Buses that python-can connects at both ends: SocketCAN, and UDP multicast on loopback."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ LOOPBACK = socket.inet_aton("127.0.0.1")
 
 
 class PythonCanWire:
-    """A bus by python-can's *interface* and *channel*; down means that the nodes have left it.
+    """A bus of python-can's *interface* and *channel*; down means that the nodes have left it.
 
-    The channel of `udp_multicast` is GROUP:PORT: groups that share a port hear each other.
+    The channel of `udp_multicast` is GROUP:PORT: groups that share a port receive each other.
     """
 
     def __init__(self, interface: str, channel: str) -> None:
@@ -56,7 +56,7 @@ class PythonCanWire:
             time.sleep(timeout_s)
             return []
         frames = []
-        with suppress(can.CanError):  # a link that is down: nothing is heard
+        with suppress(can.CanError):  # a link that is down receives nothing
             message = self._bus.recv(timeout_s)
             while message is not None:
                 if not (message.is_extended_id or message.is_error_frame):
@@ -68,14 +68,14 @@ class PythonCanWire:
     def send(self, frames: list[Frame]) -> None:
         for can_id, data, _ in frames:
             if self._bus is not None:
-                with suppress(can.CanError):  # a link that is down: nobody hears
+                with suppress(can.CanError):  # a link that is down sends nothing
                     self._bus.send(
                         can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
                     )
 
 
 def _keep_on_loopback(bus: can.BusABC, group: str) -> None:
-    """python-can's multicast leaves by the default route; move it to loopback."""
+    """Move python-can's multicast from the default route to loopback."""
     multicast = socket.socket(fileno=socket.dup(bus.fileno()))
     with multicast:
         everywhere = struct.pack("=4sI", socket.inet_aton(group), socket.INADDR_ANY)

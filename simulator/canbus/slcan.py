@@ -1,4 +1,4 @@
-"""A serial-line CAN adapter (slcan) on a pty, as a CANable is: ASCII commands, no acknowledges."""
+"""A serial-line CAN adapter (slcan) on a pty, like a CANable: ASCII commands, no acknowledges."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from armd.simulator.live.pty_port import PtyPort
 
 
 class SlcanWire:
-    """The adapter between a pty and the bus; forwards frames while its channel is open (`O`)."""
+    """The adapter between a pty and the bus; it forwards frames while its channel is open (`O`)."""
 
     def __init__(self, link: Path | None = None) -> None:
         self._port = PtyPort(link)

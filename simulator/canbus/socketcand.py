@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from armd.simulator.canbus.wires import Frame, to_monotonic_ns
 
 BUS = "can0"
-#: python-can expects "< ok >" alone in one read: a new client's frames wait this long.
+#: python-can expects only "< ok >" in one read: a new client's frames wait this long.
 SETTLE_NS = 20_000_000
 SO_TIMESTAMPNS, TIMESPEC = 35, struct.Struct("@ll")  # Linux's, which `socket` does not name
-BACKLOG_BYTES = 1 << 16  # of a client that does not read; more is lost
+BACKLOG_BYTES = 1 << 16  # the most bytes that wait for a client; more are lost
 
 
 @dataclass
@@ -36,12 +36,12 @@ class _Client:
             del self.unsent[: self.connection.send(self.unsent)]
         except BlockingIOError:
             pass
-        except OSError:  # gone; `receive` will see it and forget it
+        except OSError:  # gone; `receive` will remove it
             self.unsent.clear()
 
 
 class SocketcandWire:
-    """Serves the bus `can0` on loopback; clients also hear each other, as on a bus."""
+    """Serves the bus `can0` on loopback; clients also receive each other's frames."""
 
     def __init__(self, port: int = 0) -> None:
         self._port = port
@@ -110,7 +110,7 @@ class SocketcandWire:
             client.connection.close()
             self._clients.remove(client)
             return []
-        # A node latches in hardware: at the arrival itself, not when this process wakes up for it.
+        # A node latches in hardware: at the arrival, not when this process wakes up.
         stamps = [TIMESPEC.unpack(note) for _, kind, note in notes if kind == SO_TIMESTAMPNS]
         arrived_ns = time.monotonic_ns()
         if stamps:

@@ -1,4 +1,4 @@
-"""What carries CAN frames between the nodes and the host."""
+"""The wires that carry CAN frames between the nodes and the host."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ class Frame(NamedTuple):
 
     can_id: int
     data: bytes
-    arrival_ns: int = 0  # CLOCK_MONOTONIC, of a frame received
+    arrival_ns: int = 0  # CLOCK_MONOTONIC, of a received frame
 
 
 def to_monotonic_ns(unix_ns: int) -> int:
-    """The kernel's time stamp of an arrival (Unix time) on CLOCK_MONOTONIC, as of now."""
+    """Convert the kernel's time stamp of an arrival (Unix time) to the present CLOCK_MONOTONIC."""
     return unix_ns - time.time_ns() + time.monotonic_ns()
 
 
 class BusEnd(Protocol):
     """The nodes' end of a bus."""
 
-    address: str  # what a person gives to the host to find it
+    address: str  # the address for the host's configuration
 
     def receive(self, timeout_s: float) -> list[Frame]:
-        """Frames of others; waits up to *timeout_s* for the first. Empty while down."""
+        """Return frames of others; wait up to *timeout_s* for the first. Empty while down."""
         ...
 
     def send(self, frames: list[Frame]) -> None:
-        """Put frames on the bus, in order; what nobody can take is lost, as on a bus."""
+        """Put frames on the bus, in order; frames that nobody receives are lost."""
         ...
 
     def down(self) -> None:
-        """The bus is gone: whoever uses it sees it fail or fall silent."""
+        """Take the bus down: its users see it fail or become silent."""
         ...
 
     def up(self) -> None:
-        """The bus is back, at the same address."""
+        """Bring the bus back, at the same address."""
         ...
 
     def close(self) -> None: ...

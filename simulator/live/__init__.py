@@ -1,1 +1,1 @@
-"""The arm in time, whatever the wire: who moves it, what is felt and counted, what goes wrong."""
+"""The arm in time, on any wire: its motion, heat, encoders, sensors and faults."""

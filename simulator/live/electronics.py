@@ -1,4 +1,4 @@
-"""Encoders and temperature sensors: what they make of the angles and temperatures they feel."""
+"""Encoders and temperature sensors: convert true angles and temperatures to readings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COUNTS_PER_TURN = nominal.COUNTS_PER_TURN
 
 @dataclass(frozen=True)
 class ArmParts:
-    """The encoders and sensors that an arm is made of."""
+    """The encoders and sensors of an arm."""
 
     counts_per_turn: tuple[int, ...]  # (N,)
     direction: F64  # (N,) −1 where counts fall as the angle grows
@@ -31,7 +31,7 @@ class ArmParts:
 
     @property
     def bits(self) -> tuple[int, ...]:
-        """Of each encoder, whose counts wrap at 2^bits."""
+        """The number of bits of each encoder, whose counts wrap at 2^bits."""
         return tuple(turn.bit_length() - 1 for turn in self.counts_per_turn)
 
 
@@ -44,13 +44,13 @@ class Electronics:
         self._turn = np.array(parts.counts_per_turn, dtype=np.int64)
 
     def counts(self, encoder_rad: F64) -> npt.NDArray[np.uint32]:
-        """Angles (n, N) rad, not wrapped → counts (n, N) that wrap at a turn."""
+        """Convert angles (n, N) rad, not wrapped, to counts (n, N) that wrap at a turn."""
         noisy = encoder_rad + self._rng.normal(0.0, self.parts.encoder_rad, encoder_rad.shape)
         turns = self.parts.direction * noisy * (self._turn / (2 * np.pi))
         return (np.rint(turns).astype(np.int64) % self._turn).astype(np.uint32)
 
     def celsius(self, sensor_c: F64) -> F64:
-        """Temperatures (S,) as the sensors' converters give them."""
+        """Return temperatures (S,) as the sensors' converters give them."""
         noisy = sensor_c + self._rng.normal(0.0, self.parts.sensor_c, sensor_c.shape)
         read: F64 = np.rint(noisy / SENSOR_STEP_C) * SENSOR_STEP_C
         return read

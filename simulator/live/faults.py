@@ -1,4 +1,4 @@
-"""Everything that can go wrong with an arm on a wire, by name and time."""
+"""The faults of an arm on a wire, by name and time."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from armd.files.schema import Strict, validate
 Wire = Literal["serial", "can", "microscribe", "servo"]
 
 
-#: Random faults of one run: a week of one a minute.
+#: The most random faults of one run: one a minute for a week.
 MOST_RANDOM = 10_000
 
 
 class FaultKind(NamedTuple):
-    """What a fault does; how long and how much unless said otherwise; on which wires it exists.
+    """A kind of fault: its effect, its usual duration and amount, and its wires.
 
     A duration of 0 s is one latch: one packet, one cycle.
     """
@@ -56,7 +56,7 @@ FAULTS = {
     "joint_invalid": FaultKind(
         "the joint's status bit is set (CAN: an alarm; servo: no answer)", 0.5, JOINTS
     ),
-    "count_jump": FaultKind(  # by no whole turn on any wire
+    "count_jump": FaultKind(  # not a whole turn on any wire
         "the joint's count is off by `amount` counts", 0.0, JOINTS, 450_000
     ),
     "sensor_open": FaultKind("the channel is marked invalid", 3.0, BOTH),
@@ -120,13 +120,13 @@ class Fault(Strict):
         return FAULTS[self.name].amount if self.amount is None else self.amount
 
     def latches(self, rate_hz: int) -> range:
-        """The latches it covers, counted from the simulator's start: at least one."""
+        """Return the latches that it covers, counted from the simulator's start: at least one."""
         first = round(self.at_s * rate_hz)
         return range(first, first + max(1, round(self.seconds * rate_hz)))
 
 
 def parse_fault(text: str) -> Fault:
-    """`NAME@SECONDS[:DURATION]` as on the command line; raises `BadInput`."""
+    """Parse `NAME@SECONDS[:DURATION]` of the command line; raises `BadInput`."""
     name, _, times_text = text.partition("@")
     begin_text, _, duration = times_text.partition(":")
     try:
@@ -137,8 +137,10 @@ def parse_fault(text: str) -> Fault:
 
 
 def check_wire(faults: Sequence[Fault], wire: Wire, joints: int) -> None:
-    """Raise `BadInput` for a fault that this wire does not have, or of a joint (a servo, a channel)
-    that an arm with so many *joints* (servos) does not have."""
+    """Raise `BadInput` for a fault that this wire does not have.
+
+    Also for a joint (a servo, a channel) that an arm with so many *joints* (servos) lacks.
+    """
     for fault in faults:
         for key, k in (("joint", fault.joint), ("channel", fault.channel)):
             if k > joints:
@@ -153,10 +155,10 @@ def check_wire(faults: Sequence[Fault], wire: Wire, joints: int) -> None:
 def draw_faults(
     seed: int, per_minute: float, seconds: float, wire: Wire, joints: int
 ) -> list[Fault]:
-    """Faults of all kinds at random times, places and lengths, the same for the same seed.
+    """Draw faults of all kinds at random times, places and lengths, the same for the same seed.
 
-    One follows another after 2 s or more, so that each recovery can be told from the next loss;
-    the first 5 s and the last 3 s are left alone. Raises `ArmdError` for more than MOST_RANDOM.
+    Successive faults are at least 2 s apart, so that each recovery is separate from the next loss.
+    The first 5 s and the last 3 s have none. Raises `ArmdError` for more than MOST_RANDOM.
     """
     if per_minute * seconds / 60.0 > MOST_RANDOM:
         actual = f"faults_per_minute: found {per_minute:g} for {seconds:g} s"
@@ -186,7 +188,7 @@ def draw_faults(
 
 
 class Schedule:
-    """Which faults are on, latch by latch."""
+    """The active faults, latch by latch."""
 
     def __init__(self, faults: Sequence[Fault], rate_hz: int) -> None:
         self._waiting = [(fault.latches(rate_hz), fault) for fault in faults]
@@ -198,7 +200,7 @@ class Schedule:
         return any(fault.name == name for fault in self.active)
 
     def advance(self, latch: int) -> tuple[list[Fault], list[Fault]]:
-        """Faults that end and faults that begin by this latch; call it at `next_change`."""
+        """Return faults that end and faults that begin by this latch; call it at `next_change`."""
         ended = [fault for latches, fault in self._on if latches.stop <= latch]
         begun = [fault for latches, fault in self._waiting if latches.start <= latch]
         self._on = [(latches, fault) for latches, fault in self._on if latches.stop > latch]

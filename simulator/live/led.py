@@ -1,8 +1,8 @@
-"""An operator who follows a plan: seats and balls of an artefact in the simulator's own world.
+"""An operator who follows a plan: the seats and balls of an artefact in the simulated world.
 
-The tip is brought to each target in turn, each time in another posture, comes to rest a little
-beside it, and the button goes down. Where the targets are, and by how much the hand misses, is the
-plan's truth: nobody on the wire is told.
+The operator brings the tip to each target in turn, each time in another posture. It comes to rest a
+little beside the target, and the button is pressed. The targets' positions and the size of the
+misses are in the plan; nothing on the wire reveals them.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from armd.simulator.truth.arm import Movable
 from armd.simulator.truth.effects.effect import Conditions
 from armd.simulator.truth.rotations import rotate_about
 
-#: Peak speeds of a hand that is neither careful nor in a hurry; the plan's `haste` multiplies them.
+#: Peak speeds of a hand at a normal pace; the plan's `haste` multiplies them.
 TIP_MM_S, JOINT_RAD_S = 400.0, 3.0
 SHORTEST_MOVE_S = 0.25
 
 
-#: mm, degrees: beyond it no sum of squares is a number, and no sine has a digit.
+#: Limits in mm and degrees, within which sums of squares and sines stay accurate.
 _Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 _PlanPoint = tuple[_Coordinate, _Coordinate, _Coordinate]
 _Angle = Annotated[float, Field(ge=-3600, le=3600)]
-#: Of a rest or a wait: a day.
+#: The longest rest or wait: a day.
 LONGEST_S = 86_400.0
 
 
@@ -53,34 +53,34 @@ class LedVisit(Strict):
     placement: str
     targets: list[str] = []  # none: all
     rounds: Annotated[int, Field(ge=1, le=100)] = 1
-    #: Of the artefact's origin, base frame. None: wherever the arm reaches all targets.
+    #: Position of the artefact's origin, base frame. None: one where the arm reaches all targets.
     position_mm: _PlanPoint | None = None
-    #: About the base's x, then y, then z.
+    #: Rotations about the base's x, then y, then z.
     rotation_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)
-    #: Without a position: how far from the column's axis the targets may be.
+    #: Without a position: permitted distances of the targets from the column's axis.
     radius_mm: tuple[_Coordinate, _Coordinate] = (200.0, 1000.0)
 
 
-#: What a plan says that it is.
+#: The schema of a plan.
 OPERATOR = "armd.operator/1"
 
 
 class OperatorPlan(Strict):
-    """`schema = "armd.operator/1"`."""
+    """The plan of an operator, `schema = "armd.operator/1"`."""
 
     schema_: Literal["armd.operator/1"] = Field(alias="schema")
-    #: A file with the table [artefact] of a session, instead of [[target]]; beside the plan.
+    #: A file beside the plan with the table [artefact] of a session, instead of [[target]].
     artefact: str | None = None
     target: list[LedTarget] = []
     visit: Annotated[list[LedVisit], Field(min_length=1)]
-    #: Standard deviation per axis by which the tip rests beside the target.
+    #: Standard deviation per axis of the resting tip from the target.
     miss_um: Annotated[float, Field(ge=0, le=1e6)] = 0.5
-    #: How long the tip rests, and after how long the button goes down.
+    #: Duration of a rest, and time until the button is pressed.
     rest_s: Annotated[float, Field(gt=0, le=LONGEST_S)] = 1.2
     press_after_s: Annotated[float, Field(gt=0, le=LONGEST_S)] = 0.8
     haste: Annotated[float, Field(gt=0, le=5)] = 1.0
     start_s: Annotated[float, Field(ge=0, le=LONGEST_S)] = 1.5  # before the first move
-    #: Begin anew after the last visit; else the hand rests at the last target for ever.
+    #: Begin again after the last visit; otherwise the hand rests at the last target for ever.
     again: bool = True
 
     @model_validator(mode="after")
@@ -93,7 +93,7 @@ class OperatorPlan(Strict):
 
 
 class _Position(BaseModel):
-    """Of an artefact's file only what a hand needs."""
+    """The part of a target in an artefact's file that a hand needs."""
 
     name: str
     position_mm: _PlanPoint
@@ -109,7 +109,7 @@ class _ArtefactFile(BaseModel):
 
 @dataclass(frozen=True)
 class Led:
-    """A plan, read, with the points of its artefact by name."""
+    """A plan that was read, with the points of its artefact by name."""
 
     plan: OperatorPlan
     points_mm: dict[str, Vector]
@@ -135,17 +135,19 @@ class _Stop(NamedTuple):
     """One target to rest at."""
 
     goal_mm: F64  # (3,) base frame
-    posture: F64  # (N,) a posture that reaches about there
+    posture: F64  # (N,) a posture that reaches it approximately
 
 
 class LedOperator(Hand):
-    """Follows a plan; the same way for the same *seed*."""
+    """A hand that follows a plan, the same way for the same *seed*."""
 
     def __init__(
         self, arm: Movable, led: Led, seed: int, limits_rad: tuple[F64, F64] | None = None
     ) -> None:
-        """*limits_rad* (N,) each: the demo arm's without. Raises `BadInput` for a target out of
-        reach."""
+        """Plan the stops within *limits_rad* (N,) each; None: those of the demo arm.
+
+        Raises `BadInput` for a target out of reach.
+        """
         self._plan = led.plan
         self._rng = np.random.default_rng([seed, 0x1ED])
         once = list(_stops(led, Reach(arm, self._rng, limits_rad), self._rng))
@@ -174,8 +176,10 @@ class LedOperator(Hand):
 
 
 def _stops(led: Led, reach: Reach, rng: np.random.Generator) -> Iterator[_Stop]:
-    """All targets in the order of the plan, with a posture for each: of those that a target is
-    touched in, the one left that is nearest to where the arm stands, as a hand would."""
+    """Yield all targets in the order of the plan, with a posture for each.
+
+    Like a hand, it takes the remaining posture of a target that is nearest to the present one.
+    """
     stands: F64 | None = None
     for i, visit in enumerate(led.plan.visit, 1):
         names = visit.targets or list(led.points_mm)
@@ -201,7 +205,7 @@ def _stops(led: Led, reach: Reach, rng: np.random.Generator) -> Iterator[_Stop]:
 def _placed(
     visit: LedVisit, local_mm: F64, reach: Reach, rng: np.random.Generator
 ) -> tuple[Placement, F64]:
-    """Where the artefact stands, and postures (K, rounds, N) for its targets (K, 3)."""
+    """Return the artefact's placement, and postures (K, rounds, N) for its targets (K, 3)."""
     if visit.position_mm is None:
         somewhere = visits.Visit(
             visit.placement,

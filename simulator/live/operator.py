@@ -1,8 +1,8 @@
-"""The hand that moves the arm: smooth motion from place to place, a rest at each, a button press.
+"""The hand that moves the arm: smooth moves, a rest after each, a button press.
 
-Without a plan the operator knows a few seats (fixed points in the base frame) and brings the tip to
-one after the other, each time in another posture, as a person measuring an artefact does; `led` is
-one who follows a plan.
+Without a plan, the operator has a few seats (fixed points in the base frame). He brings the tip to
+one after the other, each time in another posture, as a person who measures an artefact. The
+operator in `led` follows a plan.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ SEATS = 8
 TIP_SPEED_MM_S = (250.0, 500.0)  # peak speed of a move: careful … brisk
 JOINT_SPEED_RAD_S = 3.0  # no joint turns faster
 REST_S = (1.2, 2.0)
-PRESS_AFTER_S, PRESS_S = 0.8, 0.15  # when in a rest the button goes down, for how long
+PRESS_AFTER_S, PRESS_S = 0.8, 0.15  # time of the press in a rest, and its duration
 BUTTON = 0x01
-MARGIN_RAD = np.radians(8.0)  # kept from every end stop
-#: A posture with the tip in front of the arm at table height, and how far postures spread from it.
+MARGIN_RAD = np.radians(8.0)  # distance kept from every end stop
+#: A posture with the tip in front of the arm at table height, and the spread of postures about it.
 COMFORTABLE_RAD = np.radians([0.0, 65.0, -95.0, 0.0, 50.0, 0.0])
 SPREAD_RAD = np.radians([45.0, 18.0, 20.0, 45.0, 25.0, 60.0])
 SEAT_TOLERANCE_MM = 1e-6
@@ -43,7 +43,7 @@ class Stretch:
     press_after_s: float = PRESS_AFTER_S
 
     def angles(self, time_s: F64) -> tuple[F64, F64]:
-        """Axis angles (n, N) rad and rates (n, N) rad/s."""
+        """Return axis angles (n, N) rad and rates (n, N) rad/s."""
         u = np.clip((time_s - self.start_s) / self.move_s, 0.0, 1.0)[:, None]
         rate = _profile_rate(u) / self.move_s
         return self.begin + self.change * _profile(u), self.change * rate
@@ -58,15 +58,16 @@ class Hand:
     """Motion without end; ask for it in order of time."""
 
     def __init__(self, arm: Movable, posture: F64) -> None:
-        """It begins with a rest in *posture* (N,) rad."""
+        """Begin with a rest in *posture* (N,) rad."""
         self._arm = arm
         self.first = Stretch(0.0, 1e-9, 1.5, posture, np.zeros_like(posture), np.inf)
         self._stretch: Stretch | None = None  # the present one
 
     def angles(self, time_s: F64, link_c: F64) -> tuple[F64, F64, npt.NDArray[np.uint8]]:
-        """Axis angles (n, N) rad, rates (n, N) rad/s and buttons (n,) at ascending *time_s* (n,).
+        """Return axis angles (n, N) rad, rates (n, N) rad/s and buttons (n,) at *time_s* (n,).
 
-        *link_c* (N,) are the links' temperatures: the tip meets a seat with a warm arm, too.
+        *time_s* ascends. *link_c* (N,) are the links' temperatures: the tip must meet a seat with a
+        warm arm too.
         """
         parts = []
         done = 0
@@ -84,13 +85,15 @@ class Hand:
         return np.concatenate(angles), np.concatenate(rates), np.concatenate(buttons)
 
     def plan_next(self, before: Stretch, link_c: F64) -> Stretch:
-        """What comes after *before*, the links' temperatures then *link_c* (N,)."""
+        """Return the stretch after *before*; the links' temperatures are then *link_c* (N,)."""
         raise NotImplementedError
 
     def _durations(
         self, begin: F64, change: F64, link_c: F64, tip_mm_s: float, joint_rad_s: float
     ) -> tuple[float, float]:
-        """Seconds of a move whose tip peaks at that speed, and of one whose fastest joint does."""
+        """Return the durations in s of a move whose tip, or whose fastest joint, has that peak
+        speed.
+        """
         u = np.linspace(0.0, 1.0, 41)[:, None]
         path = self._arm.tip(
             begin + change * _profile(u), Conditions.at_rest(len(u), len(begin), link_c)
@@ -102,7 +105,7 @@ class Hand:
 
 @dataclass(frozen=True)
 class Comfort:
-    """The postures (N,) rad that a hand likes, and the end stops that it keeps away from."""
+    """The postures (N,) rad that a hand prefers, and the end stops that it avoids."""
 
     middle: F64
     spread: F64
@@ -116,10 +119,10 @@ class Comfort:
 
 
 class Operator(Hand):
-    """From seat to seat, the same way for the same *seed*."""
+    """A hand that moves from seat to seat, the same way for the same *seed*."""
 
     def __init__(self, arm: Movable, seed: int, comfort: Comfort | None = None) -> None:
-        """*comfort*: the demo arm's without."""
+        """Draw the seats; *comfort* None: that of the demo arm."""
         self._rng = np.random.default_rng([seed, 0x09E])
         comfort = comfort or Comfort.for_demo_arm(arm.n_joints)
         self._comfortable_rad, self._spread_rad = comfort.middle, comfort.spread
@@ -147,8 +150,10 @@ class Operator(Hand):
         return posture
 
     def _posture_at(self, seat: int, link_c: F64) -> F64:
-        """A new posture (N,) whose tip stands in the seat: Gauss–Newton from near the known one,
-        which it is where none is found."""
+        """Find a new posture (N,) with the tip in the seat, by Gauss–Newton.
+
+        It starts near the known posture, and returns that one if it finds none.
+        """
         for _ in range(MOST_TRIES):
             away = 0.3 * self._rng.uniform(-1, 1, len(link_c)) * self._spread_rad
             guess = self._postures[seat] + away
@@ -173,7 +178,7 @@ class Operator(Hand):
 
 
 def _profile(u: F64) -> F64:
-    """Minimum jerk: the share of the way done at the share *u* of the time."""
+    """Return the share of the way at the share *u* of the time, with minimum jerk."""
     return u**3 * (10.0 + u * (-15.0 + 6.0 * u))
 
 

@@ -1,4 +1,4 @@
-"""What happens to the arm in time: the operator's motion, heat, and what encoders and sensors feel.
+"""The arm in time: the operator's motion, heat, and the input of encoders and sensors.
 
 Computed in blocks on the grid of the latches, so that a device only has to wait for its deadlines.
 """
@@ -30,23 +30,23 @@ AIR_SWING_K, AIR_PERIOD_S = 0.2, 900.0  # the room's air conditioning
 class Block:
     """Some consecutive latches on the grid of the sample rate."""
 
-    encoder_rad: F64  # (n, N) what ideal encoders show, not wrapped
+    encoder_rad: F64  # (n, N) angles of ideal encoders, not wrapped
     tip_mm: F64  # (n, 3) the truth: the tip's centre in the base frame
     buttons: npt.NDArray[np.uint8]  # (n,)
-    sensor_c: F64  # (STEPS, S) what the sensors feel
+    sensor_c: F64  # (STEPS, S) temperatures of the sensors
 
     def felt_c(self, row: int) -> F64:
-        """What the sensors feel (S,) at latch *row* of the block."""
+        """Return the sensors' temperatures (S,) at latch *row* of the block."""
         felt: F64 = self.sensor_c[row * len(self.sensor_c) // len(self.buttons)]
         return felt
 
 
 @dataclass(frozen=True)
 class WarmUp:
-    """An arm that warms by *rise_k* (mean of its links) within *duration_s*, in fast motion.
+    """An arm that warms by *rise_k* (mean of its links) within *duration_s*, faster than real.
 
-    All time constants shrink by one factor, the sensors' lags with the links': a warm-up of two
-    hours, hastened, with the same gradients.
+    One factor shortens all time constants, the sensors' lags like the links': a warm-up of two
+    hours in less time, with the same gradients.
     """
 
     rise_k: float
@@ -54,7 +54,7 @@ class WarmUp:
 
 
 class Heat:
-    """The heat field driven by the room's air and the arm's own electronics."""
+    """The heat field with the room's air and the arm's own electronics."""
 
     def __init__(self, ambient_c: float, warm_up: WarmUp | None, joints: int) -> None:
         self._field = HeatField(ambient_c, joints=joints)
@@ -69,7 +69,7 @@ class Heat:
         self._time_s = 0.0
 
     def advance_to(self, time_s: float) -> tuple[F64, F64]:
-        """Link (N,) and sensor (S,) temperatures, °C; ask in order of time."""
+        """Return link (N,) and sensor (S,) temperatures, °C; ask in order of time."""
         self._field.step((time_s - self._time_s) * self._haste, self.air_c, self._power)
         self._time_s = time_s
         return self._field.link_c, self._field.sensor_c
@@ -80,7 +80,7 @@ class Heat:
 
 
 class Step(NamedTuple):
-    """Some latches during which temperatures stand still: what the hand and the room do."""
+    """Some latches with constant temperatures: motion of the hand and state of the room."""
 
     phi: F64  # (n, N) axis angles, rad
     rate: F64  # (n, N) rad/s
@@ -94,7 +94,7 @@ class Step(NamedTuple):
 def generate_blocks(
     arm: TrueArm, hand: Hand, rate_hz: int, ambient_c: float, warm_up: WarmUp | None
 ) -> Iterator[Block]:
-    """The arm's life from time 0 on, sample k at k / rate_hz; never ends."""
+    """Generate the arm's course from time 0 on, sample k at k / rate_hz; never ends."""
     life = generate_steps(hand, Heat(ambient_c, warm_up, arm.n_joints), rate_hz)
     while True:
         next_steps = zip(*itertools.islice(life, STEPS), strict=True)
@@ -115,7 +115,7 @@ def generate_blocks(
 
 
 def group_in_blocks(life: Iterator[tuple[Step, F64]]) -> Iterator[Block]:
-    """Blocks of steps and the true tips (n, 3) mm in them, of an arm that shows its angles."""
+    """Group steps and true tips (n, 3) mm in blocks, for an arm whose encoders are ideal."""
     while True:
         next_steps, tips = zip(*itertools.islice(life, STEPS), strict=True)
         yield Block(
@@ -127,7 +127,7 @@ def group_in_blocks(life: Iterator[tuple[Step, F64]]) -> Iterator[Block]:
 
 
 def generate_steps(hand: Hand, heat: Heat, rate_hz: int) -> Iterator[Step]:
-    """What hand and room do from time 0 on, `STEP_S` at a time; never ends."""
+    """Generate the states of hand and room from time 0 on, `STEP_S` at a time; never ends."""
     n = max(1, round(STEP_S * rate_hz))
     for first in itertools.count(0, n):
         time_s = np.arange(first, first + n) / rate_hz

@@ -1,4 +1,4 @@
-"""Work done ahead of its time in a process of its own, so that deadlines are kept in this one."""
+"""Computes work in advance in another process, so that this one keeps its deadlines."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
-#: After an item, before the next: whoever has just taken one is busy with it.
+#: Pause after an item, because its receiver is busy with it.
 REST_S = 0.1
 
 
 class Prefetch(Generic[T]):
-    """An iterator whose items another process computes, as far ahead as the pipe holds (64 kB), ten
-    a second at most.
+    """An iterator whose items another process computes in advance, at most ten a second.
 
-    Close it; the other process also ends when this one dies, because its pipe breaks.
+    It is ahead by as much as the pipe holds (64 kB). Close it; the other process also ends when
+    this one dies, because its pipe breaks.
     """
 
     def __init__(self, items: Iterator[T]) -> None:
@@ -48,9 +48,9 @@ class Prefetch(Generic[T]):
 
 
 def _produce(items: Iterator[T], send: Connection, receive: Connection) -> None:
-    receive.close()  # else the pipe would never break
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the other process's business
-    os.nice(5)  # being ahead, it can wait
+    receive.close()  # otherwise the pipe would never break
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process handles Ctrl-C
+    os.nice(5)  # it is ahead and can wait
     try:
         for item in items:
             send.send(item)

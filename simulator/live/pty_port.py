@@ -1,4 +1,4 @@
-"""A pseudo-terminal that behaves like a UART: whoever does not read in time loses packets."""
+"""A pseudo-terminal that behaves like a UART: a host that does not read in time loses packets."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ try:
     import fcntl
     import termios
     import tty
-except ImportError:  # Windows, where the simulator writes sessions and plays no arm
+except ImportError:  # Windows: the simulator only writes sessions
     HAS_TERMINALS = False
 else:
     HAS_TERMINALS = True
 
-TRANSITS = 50  # of which the quickest tenth tell what no passing takes less than
+TRANSITS = 50  # number of measurements; the quickest tenth gives the least time
 
 
 class PtyPort:
     """The arm's end of a serial line.
 
     A pty buffers some 20 kB and then blocks its writer; a UART does not wait. So writes never
-    block, and what does not fit is dropped in whole packets. The slave end is held open, else
-    the writer would see an error whenever nobody has it open.
+    block, and packets that do not fit are dropped whole. The slave end is held open: otherwise the
+    writer would see an error whenever no host has it open.
 
-    *link*: a symbolic link to the slave, made anew at every `plug`, so that the path outlives an
-    unplugging as a name in /dev/serial/by-id does.
+    *link*: a symbolic link to the slave, made again at every `plug`, so that the path stays the
+    same after an unplugging, like a name in /dev/serial/by-id.
     """
 
     def __init__(self, link: Path | None = None) -> None:
@@ -47,7 +47,7 @@ class PtyPort:
 
     @property
     def baud(self) -> int:
-        """What the host has set; a pty does not keep to it, so that the arm must."""
+        """The rate that the host has set; the arm must keep to it, because a pty does not."""
         speed = termios.tcgetattr(self._slave)[5]
         name = next(
             (
@@ -60,7 +60,7 @@ class PtyPort:
         return int(name[1:]) or 38_400
 
     def plug(self) -> None:
-        """Appear; on the same /dev/pts number as before wherever that is free again."""
+        """Appear, with the same /dev/pts number as before if that is free."""
         earlier_path, spare = self.path, []
         self._open()
         # The kernel gives the lowest free number: hold the lower ones until ours comes up.
@@ -81,11 +81,11 @@ class PtyPort:
             fresh.replace(self._link)
 
     def unplug(self) -> None:
-        """Disappear: whoever has the port open reads an error."""
+        """Disappear: a host that has the port open reads an error."""
         if self._plugged:
             self._plugged = False
             self._unsent = b""
-            if self._link is not None:  # first: a closed one's number can be another's at once
+            if self._link is not None:  # first, as the pty's number may be used again at once
                 self._link.unlink(missing_ok=True)
             os.close(self._slave)
             os.close(self._master)
@@ -93,27 +93,27 @@ class PtyPort:
     close = unplug
 
     def write(self, packets: bytes) -> bool:
-        """Send whole packets; False if there was no room and they were dropped."""
+        """Send whole packets; return False if there was no room and they were dropped."""
         if self._unsent:
             self._unsent = self._unsent[self._push(self._unsent) :]
             if self._unsent:
                 return False
         done = self._push(packets)
         if done:
-            self._unsent = packets[done:]  # never half a packet: the rest goes first next time
+            self._unsent = packets[done:]  # never half a packet: the rest is sent first next time
         return done > 0
 
     def drain(self, timeout_s: float) -> None:
         """Wait until the host has read everything, but no longer than *timeout_s*."""
         deadline = time.monotonic() + timeout_s
         while self._plugged and time.monotonic() < deadline:
-            time.sleep(0.01)  # the kernel hands bytes over in its own time
+            time.sleep(0.01)  # the kernel passes bytes on with a delay
             unread = fcntl.ioctl(self._slave, termios.FIONREAD, b"\0" * 4)
             if not any(unread):
                 return
 
     def read(self, timeout_s: float) -> bytes:
-        """What the host has sent; waits up to *timeout_s* for something."""
+        """Return the bytes that the host has sent; wait up to *timeout_s* for some."""
         ready, _, _ = select.select([self._master], [], [], timeout_s)
         return os.read(self._master, 4096) if ready else b""
 
@@ -131,13 +131,15 @@ class PtyPort:
 
 
 def measure_transit_ns() -> int:
-    """What a few bytes take at the least through a pseudo-terminal of this machine, from the host's
-    write until a simulator that waits for them has them."""
+    """Measure the least time of a few bytes through a pseudo-terminal of this machine.
+
+    It is from the host's write until a waiting simulator has them.
+    """
     port = PtyPort()
     host = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
     taken_ns: list[int] = []
     for _ in range(TRANSITS):
-        time.sleep(0.001)  # as between two requests: whoever is to wake sleeps
+        time.sleep(0.001)  # as between two requests: the reader sleeps
         began_ns = time.monotonic_ns()
         os.write(host, b"request")
         port.read(1.0)

@@ -1,4 +1,4 @@
-"""A scenario file: one run of the simulator, faults included, to be repeated at will."""
+"""A scenario file: one repeatable run of the simulator, faults included."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from armd.simulator.live.faults import Fault
 
 
 class Scenario(Strict):
-    """`schema = "armd.scenario/1"`. The command line's options override its keys."""
+    """The keys of a scenario, `schema = "armd.scenario/1"`; options override them."""
 
     schema_: Literal["armd.scenario/1"] = Field(default="armd.scenario/1", alias="schema")
     seed: Annotated[int, Field(ge=0)] = 1
@@ -20,7 +20,7 @@ class Scenario(Strict):
     serial_number: Annotated[str, Field(min_length=1, max_length=16, pattern=r"^[!-~]+$")] = (
         "SIM-0001"
     )
-    #: of the arm; six if not said, of a servo arm five
+    #: of the arm; None: six, or five for a servo arm
     joints: Annotated[int, Field(ge=3, le=9)] | None = None
     ambient_c: Annotated[float, Field(ge=-40, le=80)] = 20.0
     #: the links' mean rise within `warm_up_s` (default: `seconds`, else 20), in fast motion

@@ -1,4 +1,4 @@
-"""What the simulator knows and a test may look up: the truth of each latch, and each fault."""
+"""Records the truth for tests: the true tip of each latch, and each fault."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TRUTH = np.dtype([("seq", "<u8"), ("position_mm", "<f8", (3,))])
 
 
 class TruthFile:
-    """The true tip of every latch, sent or not; None: not kept.
+    """The true tip of every latch, sent or not; *path* None: not recorded.
 
     Records of `TRUTH`, or, where the file's suffix is .jsonl, a line of JSON each.
     """
@@ -52,10 +52,10 @@ def _lines(seq: npt.NDArray[np.uint64], position_mm: F64) -> bytes:
 
 
 class FaultLog:
-    """JSON lines: every boot, every fault's begin and end, and every latch that did not get out.
+    """JSON lines: every boot, every fault's begin and end, and every latch that was not sent.
 
-    `{"event": "withheld", "reason": …, "first_seq": …, "last_seq": …}` names SAMPLEs that never
-    left whole; all others of the truth file did. Standard error unless a path is given.
+    `{"event": "withheld", "reason": …, "first_seq": …, "last_seq": …}` names SAMPLEs that were
+    never sent completely; all others of the truth file were. Standard error unless a path is given.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -68,12 +68,12 @@ class FaultLog:
         self._line(event, fields)
 
     def begin(self, fault: Fault, **fields: Any) -> None:
-        """A fault has begun."""
+        """Record the beginning of a fault."""
         detail = {"joint": fault.joint, "channel": fault.channel, "amount": fault.size}
         self.write("begin", fault=fault.name, **detail, **fields)
 
     def note_withheld(self, reason: str, first_seq: int, last_seq: int) -> None:
-        """Note a run of latches, in order; runs that follow each other become one line."""
+        """Record a run of latches, in order; successive runs become one line."""
         if reason == self._reason and first_seq == self._last + 1:
             self._last = last_seq
             return

@@ -1,1 +1,1 @@
-"""Sessions without a wire: artefacts, where they stand, the poses that reach them, the readings."""
+"""Sessions without a wire: artefacts, their placements, postures, readings."""

@@ -1,4 +1,4 @@
-"""Artefacts: what is certified of them, and how they really are."""
+"""Artefacts: their certified and their true dimensions."""
 
 from __future__ import annotations
 
@@ -20,8 +20,10 @@ class Length:
 
 @dataclass(frozen=True)
 class Sag:
-    """A beam on two supports hangs by its own weight: by how much, between its highest and lowest
-    points when level, along which axis, and where the supports stand, as shares of half its length.
+    """The sag of a beam on two supports under its own weight.
+
+    `deflection_mm` is between its highest and lowest points when level, `axis` its direction;
+    `supports` is the place of the supports as a share of half its length.
     """
 
     deflection_mm: float
@@ -29,17 +31,18 @@ class Sag:
     supports: float
 
     def deflection_at(self, along: F64) -> F64:
-        """Deflection (n,) at places (n,) from −1 to 1, in mm: a uniform beam's (Euler, Bernoulli).
+        """Return the deflection (n,) mm at places (n,) from −1 to 1: a uniform beam's (Euler,
+        Bernoulli).
 
-        With weight and stiffness 1: y'' = s − (1 + x²)/2 between the supports at ±s, and
-        −(1 − |x|)²/2 beyond them.
+        With weight and stiffness 1: y'' = s − (1 + x²)/2 between the supports at ±s, and −(1 −
+        |x|)²/2 beyond them.
         """
         bend = self._bend(np.linspace(0.0, 1.0, 201))
         hangs: F64 = self._bend(np.array([self.supports])) - self._bend(np.abs(along))
         return self.deflection_mm * hangs / np.ptp(bend)
 
     def _bend(self, x: F64) -> F64:
-        """y of the beam, upwards, at places (n,) from 0 to 1."""
+        """Return y of the beam, upwards, at places (n,) from 0 to 1."""
         s = self.supports
         slope = (s - 0.5) * s - s**3 / 6
         beyond = (slope - (1 - s) ** 3 / 6) * (x - s) + ((1 - s) ** 4 - (1 - x) ** 4) / 24
@@ -50,7 +53,7 @@ class Sag:
 
 @dataclass(frozen=True)
 class Artefact:
-    """Targets of an artefact: certified positions and true ones, mm in its own frame."""
+    """An artefact's targets: certified and true positions, mm in its own frame."""
 
     name: str
     targets: list[str]
@@ -62,7 +65,7 @@ class Artefact:
     _: KW_ONLY
     lengths: list[Length] = field(default_factory=list)
     reference_c: float = 20.0
-    inward: F64 = field(default_factory=lambda: np.empty((0, 3)))  # (K, 3) from a surface, or NaN
+    inward: F64 = field(default_factory=lambda: np.empty((0, 3)))  # (K, 3) into a surface, or NaN
     sag: Sag | None = None
 
     def __post_init__(self) -> None:
@@ -80,11 +83,11 @@ class Artefact:
         standard_uncertainty_mm: float = 0.0001,
         expansion_per_k: float = 0.5e-6,
     ) -> Artefact:
-        """An artefact made with *manufacturing_mm* and certified with the stated uncertainty."""
+        """Make an artefact with *manufacturing_mm* errors, certified with that uncertainty."""
         drawn = np.array(list(nominal.values()))
         true = drawn + rng.normal(0.0, manufacturing_mm, drawn.shape)
         certified = true + rng.normal(0.0, standard_uncertainty_mm, drawn.shape)
-        # A certificate prints 10 nm.
+        # A certificate has a resolution of 10 nm.
         certified = np.round(certified, 5)
         return cls(
             name,
@@ -97,16 +100,19 @@ class Artefact:
         )
 
     def uncertified(self) -> Artefact:
-        """The same targets as unknown points: seats."""
+        """Return the same targets as unknown points: seats."""
         return replace(self, certified_mm=np.full_like(self.certified_mm, np.nan))
 
     def index(self, names: tuple[str, ...]) -> I64:
-        """Indices of the named targets; of all, if none is named."""
+        """Return the indices of the named targets; of all, if none is named."""
         return np.array([self.targets.index(name) for name in names or self.targets])
 
     def positions(self, target: I64, artefact_c: F64, down: F64) -> F64:
-        """Where targets (n,) truly are (n, 3) in the artefact's frame at *artefact_c* (n,), with
-        the unit vector of gravity *down* (n, 3) in that frame."""
+        """Return the true positions (n, 3) mm of targets (n,) in the artefact's frame.
+
+        *artefact_c* (n,) is its temperature, *down* (n, 3) the unit vector of gravity in that
+        frame.
+        """
         scale = 1.0 + self.true_expansion_per_k * (artefact_c - self.reference_c)
         position_mm: F64 = self.true_mm[target] * scale[:, None]
         if self.sag is not None:
@@ -118,7 +124,7 @@ class Artefact:
         return position_mm
 
     def toml(self) -> str:
-        """The [artefact] part of session.toml: what the certificate says."""
+        """Return the [artefact] part of session.toml: the certified values."""
         lines = [
             "[artefact]",
             f'name = "{self.name}"',
@@ -142,14 +148,14 @@ class Artefact:
 
 
 def make_ball_beam(rng: np.random.Generator) -> Artefact:
-    """Seven balls along a beam of 720 mm and three on an outrigger, certified to 0.1 µm."""
+    """Make seven balls along a beam of 720 mm and three on an outrigger, certified to 0.1 µm."""
     balls = {f"B{i + 1}": (120.0 * i, 0.0, 0.0) for i in range(7)}
     balls |= {"B8": (240.0, 260.0, 0.0), "B9": (360.0, 180.0, 140.0), "B10": (480.0, 260.0, 0.0)}
     return Artefact.certified("ball beam", balls, rng)
 
 
 def make_ball_frame(rng: np.random.Generator, standard_uncertainty_mm: float = 0.0001) -> Artefact:
-    """Twenty balls on posts of several heights over a frame of 500 mm × 400 mm, of steel."""
+    """Make twenty balls on posts of several heights on a frame of 500 mm × 400 mm, of steel."""
     heights = (0.0, 160.0, 60.0, 220.0, 110.0)
     balls = {
         f"B{5 * row + column + 1}": (
@@ -170,6 +176,6 @@ def make_ball_frame(rng: np.random.Generator, standard_uncertainty_mm: float = 0
 
 
 def make_seat(name: str = "S1") -> Artefact:
-    """One kinematic seat, where it is unknown."""
+    """Make one kinematic seat at an unknown position."""
     nowhere = np.full((1, 3), np.nan)
     return Artefact("kinematic seat", [name], nowhere, np.zeros((1, 3)), 0.0, 0.0, 0.0)

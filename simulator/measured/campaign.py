@@ -1,5 +1,4 @@
-"""What will be measured, as values: the arm and its instruments as they really are, its arm.toml,
-and the plan of each session."""
+"""The data of a campaign: the true arm and instruments, its arm.toml, and the sessions' plans."""
 
 from __future__ import annotations
 
@@ -17,21 +16,21 @@ from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.rotations import rotate_about
 
-#: Periods a turn of the encoders' error of interpolation.
+#: Periods per turn of the encoders' interpolation error.
 DISC_LINES = 2048
 
 
 @dataclass(frozen=True)
 class Touched:
-    """Somebody leaned on the artefact half-way through the first placement of a session."""
+    """A displacement of the artefact during the first placement of a session."""
 
     session: str
-    share: float  # of the placement's readings that were taken before
+    share: float  # share of the placement's readings before it
     turn_rad: F64  # (3,) about the middle of the targets
     shift_mm: F64  # (3,)
 
     def moved(self, points: F64) -> F64:
-        """Points (n, 3) of the artefact as they stand afterwards, base frame, mm."""
+        """Return points (n, 3) of the artefact after the displacement, base frame, mm."""
         middle = points.mean(axis=0)
         turned: F64 = middle + self.shift_mm + (points - middle) @ rotate_about(self.turn_rad).T
         return turned
@@ -39,7 +38,7 @@ class Touched:
 
 @dataclass(frozen=True)
 class Rig:
-    """The arm, the artefact and the instruments, as they really are."""
+    """The true arm, artefact and instruments."""
 
     arm: TrueArm
     artefact: Artefact
@@ -47,20 +46,20 @@ class Rig:
     limits_rad: tuple[F64, F64] = field(default_factory=nominal.get_limits_rad)
     _: KW_ONLY
     core_lag_s: F64 | None = None  # (N,)
-    read_sensors: Callable[[F64], F64] = lambda celsius: celsius  # (n, S) felt → (n, S) told
+    read_sensors: Callable[[F64], F64] = lambda celsius: celsius  # (n, S) true → (n, S) read
     spoil: Callable[[np.random.Generator, int], F64] | None = None  # tip displacement (n, 3) mm
     touched: Touched | None = None
     brown_outs: BrownOuts | None = None
     restarts: Restarts | None = None
-    #: how often each posture is read, one time after another or in rounds through all of them
+    #: how often each posture is read, in succession or in rounds through all of them
     repeats: int = 1
     in_rounds: bool = False
-    #: of the encoders' electronics: it goes through as many periods a turn as a disc has lines, so
-    #: that no two postures share it, and copies of one do
+    #: amplitude of the interpolation error: it has as many periods a turn as a disc has lines, so
+    #: copies of a posture share it, but no two postures do
     interpolation_rad: float = 0.0
 
     def interpolation(self, phi: F64) -> F64:
-        """What encoders at angles (n, N) err by between two lines of their discs."""
+        """Return the interpolation error of encoders at angles (n, N) between two disc lines."""
         joint = np.arange(phi.shape[1])
         error: F64 = self.interpolation_rad * np.sin(DISC_LINES * phi + joint)
         return error
@@ -68,14 +67,14 @@ class Rig:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What will be measured: the rig as it is, and each session's plan with its artefact."""
+    """A campaign: the true rig, and each session's plan with its artefact."""
 
     arm_toml: str
     rig: Rig
     sessions: list[tuple[SessionPlan, Artefact]]
 
     def span_s(self) -> list[tuple[float, float]]:
-        """First and last instant of each session, seconds since the arm was mounted."""
+        """Return first and last instant of each session, seconds since the arm was mounted."""
         return [
             (
                 3600 * plan.start_h,

@@ -1,7 +1,7 @@
-"""A measurement that did not happen: the arm on an artefact, reading after reading.
+"""Simulates measurements: the arm on an artefact, reading after reading.
 
-What an operator would write down goes to a session folder; what only nature knows stays in
-`Measured` and leaves it for a file of its own, never for the folder.
+The data that an operator would record go to a session folder. The truth stays in `Measured`; it may
+be written to its own file, but never to the folder.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ class Measured:
     encoder: F64  # (n, N) recorded, rad
     sensor_c: F64  # (n, S) recorded
     artefact_c: F64  # recorded
-    felt_c: F64  # (n, S) what the sensors felt
+    felt_c: F64  # (n, S) true temperatures of the sensors
     conditions: Conditions  # true
     phi: F64  # (n, N) true axis angles
     tip_mm: F64  # (n, 3) true tip, base frame
-    noise_mm: F64  # (n, 3) what encoder noise, seating and wandering moved, base frame
-    spoilt: Mask  # readings that belong to no effect
+    noise_mm: F64  # (n, 3) of encoder noise, seating and drift, base frame
+    spoilt: Mask  # gross errors, which belong to no effect
 
     @property
     def n(self) -> int:
@@ -60,7 +60,7 @@ class Measured:
         return _down(self.placements, self.placement)
 
     def to_base(self, local: F64) -> F64:
-        """Vectors (n, 3) of each reading's placement frame in the base frame."""
+        """Turn vectors (n, 3) of each reading's placement frame to the base frame."""
         turned = np.empty_like(local)
         for i, placement in enumerate(self.placements):
             rows = self.placement == i
@@ -73,7 +73,7 @@ def _down(placements: list[Placement], placement: I64) -> F64:
 
 
 def find_reach(rig: Rig, rng: np.random.Generator) -> Reach:
-    """What the rig's arm can reach."""
+    """Return the reach of the rig's arm."""
     return Reach(rig.arm, rng, rig.limits_rad)
 
 
@@ -85,13 +85,13 @@ def measure_campaign(campaign: Campaign, rng: np.random.Generator) -> Iterator[M
 
 
 def measure(rig: Rig, plan: SessionPlan, reach: Reach, rng: np.random.Generator) -> Measured:
-    """Carry out *plan*: its visits one after another, each in an order of its own."""
+    """Carry out *plan*: its visits one after another, each in its own random order."""
     placements, placement, target, phi = [], [], [], []
     for i, visit in enumerate(plan.visits):
         targets = rig.artefact.index(visit.targets)
         pose, poses = place(visit, rig.artefact.true_mm[targets], reach, rng)
         placements.append(pose)
-        # An operator goes round the artefact several times rather than staying at one ball.
+        # An operator goes round the artefact several times, and does not stay at one ball.
         count = len(targets) * visit.articulations
         order = rng.permutation(count)
         again = np.tile if rig.in_rounds else np.repeat
@@ -120,9 +120,10 @@ def take_readings(
     rng: np.random.Generator,
     sides: F64 | None = None,
 ) -> Measured:
-    """One reading per row, in time order, the tip at its target, the arm close to *phi* (n, N).
+    """Take one reading per row, in time order, the tip at its target, the arm close to *phi* (n,
+    N).
 
-    *sides* (n, N): the sign of the rate with which each joint turns last, where that is prescribed.
+    *sides* (n, N): the sign of each joint's last rate, where it is prescribed.
     """
     n = len(target)
     arm = rig.arm.with_payload(plan.payload_kg)
@@ -138,7 +139,7 @@ def take_readings(
     if sides is not None:
         rate = np.copysign(rate, sides)
     conditions = Conditions(link_c, rate, 3600 * plan.start_h + time_s, approach, air_c)
-    artefact_c = air_c  # its thin bars follow the air
+    artefact_c = air_c  # the thin bars have the air's temperature
     local = rig.artefact.positions(target, artefact_c, _down(placements, placement))
     goal = np.empty((n, 3))
     for i, pose in enumerate(placements):
@@ -179,14 +180,14 @@ def take_readings(
 
 
 def write_session(folder: Path, measured: Measured, serial: str = nominal.SERIAL_NUMBER) -> None:
-    """Write what the operator knows: session.toml and readings.csv."""
+    """Write the operator's files: session.toml and readings.csv."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in make_session_files(measured, serial).items():
         write_whole(folder / name, text)
 
 
 def make_session_files(measured: Measured, serial: str = nominal.SERIAL_NUMBER) -> dict[str, str]:
-    """What the operator knows: the texts of session.toml and readings.csv, by name."""
+    """Make the texts of session.toml and readings.csv, by name, as the operator has them."""
     head = [
         'schema = "armd.session/1"',
         f'arm = "{serial}"',
@@ -226,7 +227,7 @@ def _readings_csv(measured: Measured) -> str:
 
 
 def _temperatures(climate: Climate, time_s: F64, core_lag_s: F64 | None) -> tuple[F64, F64]:
-    """True link and felt sensor temperatures (n, N) at each reading."""
+    """Return true link and sensor temperatures (n, N) at each reading."""
     field_ = HeatField(climate.ambient_c, core_lag_s)
     field_.settle(climate.ambient_c, 0.0 if climate.cold else climate.power_w)
     link_c, felt_c = [], []
@@ -246,7 +247,7 @@ def _temperatures(climate: Climate, time_s: F64, core_lag_s: F64 | None) -> tupl
 def _motion(
     posture: Posture, pushed: F64, plan: SessionPlan, rng: np.random.Generator
 ) -> tuple[F64, F64]:
-    """Approach (n, 3) and joint rates (n, N) that bring the tip along it.
+    """Return approach directions (n, 3) and joint rates (n, N) that move the tip along them.
 
     The approach is *pushed* (n, 3), where a surface prescribes it, and mostly from above if NaN.
     """

@@ -1,8 +1,8 @@
-"""What happens to measurements that is no error of the arm: the mess of a workshop and a desk.
+"""Spoils measurements by errors that are not the arm's: those of a workshop and an office.
 
-Some of it happens while measuring (`spoil_campaign`: a gross error, noise that is not white, an
-artefact that was touched), some in the files afterwards (`spoil_files`: rows twice, a channel that
-died, clocks that are wrong). Sessions held out, which judge a result, are spared both.
+Some occur during measurement (`spoil_campaign`: a gross error, noise that is not white, a moved
+artefact), some in the files afterwards (`spoil_files`: duplicate rows, a broken channel, wrong
+clocks). Held-out sessions, which judge a result, have neither.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TableRows = list[dict[str, str]]
 
 #: 100 times the noise of a reading (7 µm, 3-D).
 GROSS_UM, GROSS_SHARE = 700.0, 0.03
-#: What copies of a posture share: twice the encoders' noise.
+#: The error that copies of a posture share: twice the encoders' noise.
 INTERPOLATION_ARCSEC = 3.0
 KINDS = (
     "gross",
@@ -45,7 +45,7 @@ KINDS = (
 
 
 def spoil_campaign(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
-    """The campaign with a mess that happens while measuring; others leave it as it is."""
+    """Return the campaign with a mess during measurement; other kinds do not change it."""
     rig = campaign.rig
     names = [plan.name for plan, _ in campaign.sessions if not plan.held_out]
     match kind:
@@ -85,7 +85,7 @@ def spoil_campaign(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
 
 
 def spoil_files(kind: str, sessions: list[Texts], rng: Rng) -> list[Texts]:
-    """The sessions' files with a mess that happens afterwards; others leave them as they are."""
+    """Return the sessions' files with a mess in them; other kinds do not change them."""
     match kind:
         case "doubled":
             return [_table(texts, lambda rows: _doubled(rows, rng)) for texts in sessions]
@@ -97,7 +97,7 @@ def spoil_files(kind: str, sessions: list[Texts], rng: Rng) -> list[Texts]:
 
 
 def _doubled(rows: TableRows, rng: Rng) -> TableRows:
-    """A tenth of the rows twice: at once, or copied in once more at the end."""
+    """Duplicate a tenth of the rows: each at once, or all at the end."""
     again = rng.uniform(size=len(rows)) < 0.1
     if rng.uniform() < 0.5:
         return rows + [row for row, twice in zip(rows, again, strict=True) if twice]
@@ -105,7 +105,7 @@ def _doubled(rows: TableRows, rng: Rng) -> TableRows:
 
 
 def _dead(sessions: list[Texts], rng: Rng) -> list[Texts]:
-    """One channel stuck from some row on, at one value throughout, or empty from some row on."""
+    """Break one channel: stuck or empty from some row on, constant, or missing throughout."""
     name = str(rng.choice(list_sensor_names()[1:4]))
     how = str(rng.choice(["stuck", "constant", "empty", "missing"]))
     since = int(rng.integers(len(sessions) // 2)) if how in ("stuck", "empty") else 0
@@ -132,8 +132,10 @@ def _dead(sessions: list[Texts], rng: Rng) -> list[Texts]:
 
 
 def _clocks(sessions: list[Texts], rng: Rng) -> list[Texts]:
-    """Two sessions begun in the other order by the clock, one that begins during the one before,
-    or a clock set back by an hour during a session."""
+    """Spoil clocks: two exchanged session starts, overlapping sessions, or a clock set back.
+
+    The latter goes back by an hour during a session.
+    """
     how = str(rng.choice(["exchanged", "overlap", "back"]))
     a, b = sorted(int(i) for i in rng.choice(len(sessions), 2, replace=False))
     changed = list(sessions)

@@ -1,4 +1,4 @@
-"""What spoils a reading that is no effect: encoders, seating, sensors, a wandering stand."""
+"""The noise of readings, which is no effect: encoders, seating, sensors, a drifting stand."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ import numpy as np
 from armd.arrays import F64
 from armd.simulator.truth.rotations import ARC_SECOND
 
-#: Degrees of freedom of the heavy-tailed noise (Student's t): excess kurtosis without end.
+#: Degrees of freedom of the heavy-tailed noise (Student's t), with infinite kurtosis.
 HEAVY_TAILS = {"heavy": 4, "t3": 3}
-#: Over which the stand wanders, s.
+#: Correlation time of the stand's drift, s.
 WANDER_S = 1500.0
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of what is random in a reading (an average at rest)."""
+    """Standard deviations of the random errors of a reading (an average at rest)."""
 
     encoder_arcsec: float = 0.5
-    seating_um: float = 0.5  # of the tip in its seat, each axis, anew at every reading
+    seating_um: float = 0.5  # of the tip in its seat, each axis, at every reading
     sensor_c: float = 0.01
     tails: Literal["gaussian", "heavy", "t3"] = "gaussian"
     wander_um: float = 0.0  # of the stand, each axis, slowly
     correlation: float = 0.0  # of one reading's errors with the next one's
-    sensor_step_c: float = 0.01  # what the wire tells a temperature in
+    sensor_step_c: float = 0.01  # resolution of temperatures on the wire
 
     def scaled(self, factor: float) -> Noise:
-        """The same noise, *factor* times as large; without any, sensors show what they feel."""
+        """Return the noise times *factor*; without noise, sensors read true temperatures."""
         return replace(
             self,
             encoder_arcsec=factor * self.encoder_arcsec,
@@ -40,22 +40,22 @@ class Noise:
         )
 
     def encoders(self, rng: np.random.Generator, shape: tuple[int, int]) -> F64:
-        """Angle errors (n, N), rad."""
+        """Draw angle errors (n, N), rad."""
         return self.encoder_arcsec * ARC_SECOND * self._draw(rng, shape)
 
     def seating(self, rng: np.random.Generator, n: int) -> F64:
-        """Displacements of the tip (n, 3), mm."""
+        """Draw displacements of the tip (n, 3), mm."""
         return 1e-3 * self.seating_um * self._draw(rng, (n, 3))
 
     def sensors(self, rng: np.random.Generator, celsius: F64) -> F64:
-        """Readings of the sensors (n, S): with noise, in the wire's steps."""
+        """Return readings of the sensors (n, S): with noise, in the wire's steps."""
         read_c: F64 = celsius + rng.normal(0.0, self.sensor_c, celsius.shape)
         return (
             self.sensor_step_c * np.round(read_c / self.sensor_step_c) if self.sensor_c else read_c
         )
 
     def wander(self, rng: np.random.Generator, time_s: F64) -> F64:
-        """Slow displacement of the base (n, 3), mm: a first-order Gauss–Markov process."""
+        """Draw a slow displacement of the base (n, 3), mm: a first-order Gauss–Markov process."""
         steps = rng.normal(size=(len(time_s), 3))
         path = np.empty_like(steps)
         path[0] = steps[0]
@@ -65,7 +65,7 @@ class Noise:
         return 1e-3 * self.wander_um * path
 
     def _draw(self, rng: np.random.Generator, shape: tuple[int, int]) -> F64:
-        """Draws of unit variance, correlated from row to row where so wanted."""
+        """Draw values of unit variance, with a correlation of rows if one is set."""
         if self.tails == "gaussian":
             drawn = rng.normal(size=shape)
         else:

@@ -1,4 +1,4 @@
-"""Where an artefact stands: rigid poses in which the arm reaches every target."""
+"""Placements of an artefact: rigid poses in which the arm reaches every target."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from armd.simulator.measured.poses import Reach, Unreachable
 from armd.simulator.truth.rotations import rotate_about
 
 SHOULDER_MM = np.array([0.0, 0.0, 280.0])
-#: The table the arm stands on: nothing is measured far below it.
+#: The lowest target: not far below the table on which the arm stands.
 LOWEST_MM = -150.0
-#: The middle of an artefact stands no farther from the column than this unless it has to, mm.
+#: The usual largest distance of an artefact's middle from the column, mm.
 USUAL_MM = 800.0
 TRIES = 2000
 
@@ -28,7 +28,7 @@ class Placement:
     origin_mm: F64  # (3,)
 
     def to_base(self, points: F64) -> F64:
-        """Points (n, 3) of the artefact's frame in the base frame, mm."""
+        """Transform points (n, 3) of the artefact's frame to the base frame, mm."""
         moved: F64 = points @ self.rotation.T + self.origin_mm
         return moved
 
@@ -36,9 +36,9 @@ class Placement:
 def place(
     visit: Visit, targets_mm: F64, reach: Reach, rng: np.random.Generator
 ) -> tuple[Placement, F64]:
-    """A random placement for *visit*, and articulations of each target (K, count, N) in it.
+    """Draw a placement for *visit*, and articulations of each target (K, count, N) in it.
 
-    *targets_mm* (K, 3) are the visited targets in the artefact's frame.
+    *targets_mm* (K, 3) are the visited targets in the artefact's frame. Raises `Unreachable`.
     """
     for _ in range(TRIES):
         candidate = _anywhere(visit, targets_mm.mean(axis=0), rng)
@@ -53,7 +53,7 @@ def place(
 
 
 def _anywhere(visit: Visit, centre_mm: F64, rng: np.random.Generator) -> Placement:
-    """Turned about the vertical by any angle, tilted by up to a right angle."""
+    """Draw a pose, turned about the vertical by any angle, tilted by up to a right angle."""
     azimuth, spin = rng.uniform(-np.pi, np.pi, 2)
     tilt = np.pi / 2 * rng.uniform() ** 2
     level = rng.uniform(0.0, 2 * np.pi)

@@ -1,4 +1,4 @@
-"""What an operator sets out to measure, and in what climate."""
+"""The plan of an operator's measurements, and the climate."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.simulator.truth.nominal import SELF_HEATING_W
 
-#: When the arm was mounted: the origin of the simulated world's time.
+#: When the arm was mounted: the origin of simulated time.
 MOUNTED = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
 
 
@@ -28,14 +28,14 @@ class Climate:
     cold: bool = False
 
     def air_c(self, time_s: F64) -> F64:
-        """Air temperature at times since the first reading, s."""
+        """Return the air temperature at times since the first reading, s."""
         hours = np.maximum(time_s / 3600 + self.lead_h, 0.0)
         return self.ambient_c + self.ramp_k_per_h * hours
 
 
 @dataclass(frozen=True)
 class Visit:
-    """The artefact in one placement: which of its targets, how many articulations of each."""
+    """The artefact in one placement: its visited targets, and the articulations of each."""
 
     name: str
     targets: tuple[str, ...] = ()  # empty: all
@@ -45,27 +45,27 @@ class Visit:
 
 
 def plan_rounds(placements: int, articulations: int) -> tuple[Visit, ...]:
-    """Visits of all targets in *placements* different placements."""
+    """Plan visits of all targets in *placements* different placements."""
     return tuple(Visit(f"P{i + 1}", (), articulations) for i in range(placements))
 
 
 @dataclass(frozen=True)
 class SessionPlan:
-    """One session."""
+    """The plan of one session."""
 
     name: str
     start_h: float  # since the arm was mounted
     climate: Climate
     visits: tuple[Visit, ...] = plan_rounds(1, 5)
     interval_s: float = 20.0
-    rate_rad_s: float = 0.003  # a hand is never quite still; more: readings in passing
+    rate_rad_s: float = 0.003  # a hand always moves a little; a higher rate: readings in motion
     payload_kg: float = 0.0
-    held_out: bool = False  # not for identification or diagnosis, only to judge their result
+    held_out: bool = False  # used only to judge an identification or diagnosis
 
     @property
     def started(self) -> datetime:
         return MOUNTED + timedelta(hours=self.start_h)
 
     def readings(self, targets: int) -> int:
-        """How many readings it takes on an artefact of so many targets."""
+        """Return the number of readings on an artefact of so many targets."""
         return sum((len(visit.targets) or targets) * visit.articulations for visit in self.visits)

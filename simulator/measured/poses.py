@@ -1,4 +1,4 @@
-"""Poses that put the true tip at a target: many articulations of each, end stops respected."""
+"""Finds postures with the true tip at a target: many articulations, within end stops."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ CLOSE_MM = 1e-7
 
 
 class Unreachable(Exception):
-    """A target has fewer articulations than asked for."""
+    """A target has fewer articulations than requested."""
 
 
 def compute_tip_jacobian(posture: Posture) -> F64:
-    """d tip / d joint angle (n, 3, N), mm/rad, of the rigid arm: axis × lever."""
+    """Compute d tip / d joint angle (n, 3, N), mm/rad, of the rigid arm: axis × lever."""
     n_joints = len(posture.joint_rotation)
     columns = [
         np.cross(posture.rotation[k][:, :, 2], posture.tip - posture.origin[k])
@@ -30,10 +30,10 @@ def compute_tip_jacobian(posture: Posture) -> F64:
 
 
 def solve_posture(arm: Movable, phi: F64, goal_mm: F64, conditions: Conditions) -> F64:
-    """Angles (n, N) near *phi* with which the arm's true tip is at *goal_mm* (n, 3).
+    """Find angles (n, N) near *phi* with which the arm's true tip is at *goal_mm* (n, 3).
 
-    Shortest steps of the rigid arm towards the goal; imperfections change the tip by so little
-    that each step leaves about a thousandth of the way.
+    It takes the shortest steps of the rigid arm towards the goal. Imperfections change the tip so
+    little that each step leaves about a thousandth of the way.
     """
     phi = phi.copy()
     for _ in range(12):
@@ -49,7 +49,7 @@ def solve_posture(arm: Movable, phi: F64, goal_mm: F64, conditions: Conditions) 
 
 
 class Reach:
-    """What the arm can reach: a cloud of poses to start from."""
+    """The reach of the arm: a cloud of postures as starting points."""
 
     def __init__(
         self,
@@ -63,14 +63,13 @@ class Reach:
         low, high = nominal.get_limits_rad(arm.n_joints) if limits_rad is None else limits_rad
         self._low, self._high = low + MARGIN_RAD, high - MARGIN_RAD
         self._phi = rng.uniform(self._low, self._high, (size, arm.n_joints))
-        # Near its centre line the shoulder loses its grip: those starts only waste time.
         self._tip = self._arm.tip(self._phi, Conditions.at_rest(size, arm.n_joints))
-        from scipy.spatial import cKDTree  # a controller's simulated arm does without it
+        from scipy.spatial import cKDTree  # a simulated arm on a wire does not need it
 
         self._tree = cKDTree(self._tip)
 
     def articulations(self, goals_mm: F64, count: int) -> F64:
-        """*count* different poses for each goal (K, 3): (K, count, N).
+        """Return *count* different postures for each goal (K, 3): (K, count, N).
 
         Raises `Unreachable` if a goal has too few.
         """
@@ -91,7 +90,7 @@ class Reach:
         return np.array([self._spread(row[ok], count) for row, ok in zip(phi, good, strict=True)])
 
     def _spread(self, phi: F64, count: int) -> F64:
-        """*count* poses that differ: each next one is the farthest from those chosen."""
+        """Choose *count* postures that differ: each next one is the farthest from those chosen."""
         chosen = [int(self._rng.integers(len(phi)))]
         gap = np.full(len(phi), np.inf)
         while len(chosen) < count:

@@ -1,1 +1,1 @@
-"""A MicroScribe that is not there: the maker's wire, and an arm whose factory data are known."""
+"""A simulated MicroScribe: the maker's wire, and an arm with known factory data."""

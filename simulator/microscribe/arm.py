@@ -1,7 +1,7 @@
-"""The arm with serial number 40937: what its memory holds, and where its tip truly is.
+"""The arm with serial number 40937: the content of its memory, and its true tip.
 
 The memory is the maker's, as captured from a real arm. The tip follows the maker's own chain, in
-the modified form; armd's rows are of the other form, so that the two share nothing.
+the modified form. armd's rows have the other form, so the two share no code.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _BETA = int.from_bytes(EXTENDED, "big") * math.pi / 32768
 
 
 def compute_tip_mm(angles: F64) -> F64:
-    """The point's position (3,), of the true angles (5,) rad."""
+    """Compute the tip's position (3,) for the true angles (5,) rad."""
     frame = np.eye(4)
     for i, theta in enumerate([*angles, 0.0]):
         frame = frame @ _shift(_A[i] * 0.0254, 0) @ _turn(0, _ALPHA[i] * math.pi / 32768)
@@ -47,7 +47,7 @@ def compute_tip_mm(angles: F64) -> F64:
 
 
 def make_arm_toml() -> str:
-    """The factory's geometry as an arm.toml: A and α of a row are the maker's next frame's."""
+    """Make an arm.toml of the factory's geometry: A and α of a row are the maker's next ones."""
     lines = ['schema = "armd.arm/1"', f'serial_number = "{TEXTS[0xCB].rstrip(bytes(1)).decode()}"']
     for k, turn in enumerate(COUNTS_PER_TURN.tolist()):
         lines += [
@@ -78,23 +78,26 @@ def _shift(mm: float, axis: int) -> F64:
 
 
 class Holder(Protocol):
-    """Whoever holds the arm; instants in s after the simulator's start."""
+    """The person who holds the arm; instants in s after the simulator's start."""
 
     def note_home(self, t_s: float) -> None:
-        """HOME has come."""
+        """Record that HOME has come."""
 
     def angles(self, t_s: float) -> F64:
-        """True angles (5,) rad."""
+        """Return the true angles (5,) rad."""
         ...
 
     def buttons(self, t_s: float) -> int:
-        """Bit 0: the right pedal; bit 1: the left one."""
+        """Return the pedals: bit 0 the right one, bit 1 the left one."""
         ...
 
 
 class PedalHand:
-    """Somebody who leaves the stylus in its rest and presses the right pedal every two seconds
-    until the arm is homed, then moves it and rests in turns, pressing a pedal at each rest."""
+    """A simulated user of the arm.
+
+    Until the arm is homed, the stylus stays in its rest, and the right pedal is pressed every two
+    seconds. Then the arm moves and rests in turns, with a pedal pressed at each rest.
+    """
 
     PRESS_EVERY_S, PRESS_S = 2.0, 0.2
     TURN_S, MOVING_S = 5.0, 3.0
@@ -104,21 +107,21 @@ class PedalHand:
         self._amplitude = rng.uniform(0.2, 0.7, 5)
         self._hz = rng.uniform(0.1, 0.35, 5)
         self._phase = rng.uniform(0, 2 * np.pi, 5)
-        self._homed_s: float | None = None  # when HOME came first
+        self._homed_s: float | None = None  # when the first HOME came
 
     def note_home(self, t_s: float) -> None:
         if self._homed_s is None:
             self._homed_s = t_s
 
     def angles(self, t_s: float) -> F64:
-        """True angles (5,) rad, *t_s* after the simulator's start."""
+        """Return the true angles (5,) rad, *t_s* after the simulator's start."""
         home = HOME_COUNTS / COUNTS_PER_TURN * 2 * np.pi
         swing = np.sin(2 * np.pi * self._hz * self._progress(t_s) + self._phase)
         angles: F64 = home + self._amplitude * (swing - np.sin(self._phase))
         return angles
 
     def buttons(self, t_s: float) -> int:
-        """Bit 0: the right pedal; bit 1: the left one."""
+        """Return the pedals: bit 0 the right one, bit 1 the left one."""
         if self._homed_s is None:
             return int(t_s % self.PRESS_EVERY_S > self.PRESS_EVERY_S - self.PRESS_S)
         turn, within = divmod(t_s - self._homed_s - 1.0, self.TURN_S)
@@ -126,7 +129,7 @@ class PedalHand:
         return pressed * (2 - int(turn) % 2)
 
     def _progress(self, t_s: float) -> float:
-        """Time spent moving; it starts and stops smoothly."""
+        """Return the time spent moving; motion starts and stops smoothly."""
         if self._homed_s is None or t_s <= self._homed_s + 1.0:
             return 0.0
         turns, within = divmod(t_s - self._homed_s - 1.0, self.TURN_S)

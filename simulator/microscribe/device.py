@@ -1,4 +1,4 @@
-"""The arm's side of the wire: waits for IMMC, answers one command at a time, at the line's pace."""
+"""The arm's side of the wire: waits for IMMC, then answers commands at the line's pace."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from armd.simulator.live.truth_log import FaultLog, TruthFile
 from armd.simulator.microscribe import arm
 from armd.simulator.microscribe.motion import MotionReport, SpoiltPort, Timer
 
-#: From a command to the first bit of its reply: "just under a millisecond", as the maker says; the
-#: reading is made as soon as the command is understood.
+#: From a command to the first bit of its reply ("just under a millisecond", the maker states), and
+#: to the reading, which is made as soon as the command is decoded.
 TURN_ROUND_S, UNDERSTOOD_S = 0.0009, 0.0003
 SCHEDULE_HZ = 1000
 DEAF = ("silence", "reboot")
@@ -30,9 +30,9 @@ _BLOCKS = {
 
 
 class MicroScribeDevice:
-    """One arm on one port. *baud*: the only rate at which it hears; None: any. *hand*: another one
-    than `arm.PedalHand`.
+    """One arm on one port.
 
+    *baud*: the only rate that it receives; None: any. *hand*: a holder other than `arm.PedalHand`.
     Rows of truth are numbered by their instant (CLOCK_MONOTONIC, ns), as this wire has no number.
     """
 
@@ -52,11 +52,11 @@ class MicroScribeDevice:
         self._began_ns = 0
         self._line = SpoiltPort(port, self._rng)
         self._timer = Timer(scenario.clock_ppm, int(self._rng.integers(1 << 14)))
-        self._motion: MotionReport | None = None  # what it was told to respond to
+        self._motion: MotionReport | None = None  # the active command to respond to motion
         self._wake()
 
     def run(self) -> None:
-        """Live for the scenario's seconds, or until interrupted."""
+        """Run for the scenario's seconds, or until interrupted."""
         self._began_ns = time.monotonic_ns()
         seconds = self._scenario.seconds
         heard = b""
@@ -71,7 +71,7 @@ class MicroScribeDevice:
                 heard = b""
                 continue
             if self._baud is not None and received and self._port.baud != self._baud:
-                heard = b""  # gibberish
+                heard = b""  # bytes at a wrong rate
                 continue
             before = b"\xff" * len(heard)
             while heard + received and before != heard + received:
@@ -81,7 +81,7 @@ class MicroScribeDevice:
     def close(self) -> None:
         self._log.write("stop", at_s=self._now_s())
 
-    # --- the session; each takes what was heard and returns what it has no use for yet ---------
+    # --- the session; each takes the received bytes and returns those not used yet ------------
 
     def _synchronise(self, heard: bytes) -> bytes:
         if wire.SYNC not in heard:
@@ -99,7 +99,7 @@ class MicroScribeDevice:
         return heard.partition(wire.BEGIN)[2]
 
     def _obey(self, heard: bytes) -> bytes:
-        if self._motion is not None:  # any command ends it, once what is on the line has passed
+        if self._motion is not None:  # any command ends it, after the packet on the line
             time.sleep(self._motion.finish(self._now_s()))
             self._motion = None
         command = heard[0] | 0x80
@@ -127,7 +127,7 @@ class MicroScribeDevice:
         return heard[1:]
 
     def _respond(self) -> float:
-        """Sends what is due of what it was told to respond to; seconds until more is."""
+        """Send the streamed packets that are due; return the seconds until the next."""
         motion = self._motion
         if motion is None:
             return 0.01
@@ -154,7 +154,7 @@ class MicroScribeDevice:
     # --- the rest ----------------------------------------------------------------------------
 
     def _wake(self) -> None:
-        """Power-up: the registers are set as though the stylus were in its rest."""
+        """Power up: set the registers as if the stylus were in its rest."""
         self._counts_at_home = arm.HOME_COUNTS.astype(np.int64)
         self._true_at_home = self._true_counts(self._now_s())
         self._listening = self._synchronise

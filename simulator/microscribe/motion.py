@@ -1,4 +1,4 @@
-"""What a MicroScribe sends by itself ("respond to motion"), its timer, a line that loses bytes."""
+"""A MicroScribe's streaming ("respond to motion"), its timer, and a line that loses bytes."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ class Timer:
         self._ppm, self._first = ppm, first
 
     def restarted(self, t_s: float) -> Timer:
-        """It reads 0 at *t_s*: the power is back."""
+        """Return a timer that reads 0 at *t_s*, after a power-up."""
         return Timer(self._ppm, -math.floor(t_s * self._hz))
 
     def ticks(self, t_s: float) -> int:
         return self._first + math.floor(t_s * self._hz)
 
     def begin_s(self, ticks: int) -> float:
-        """When a tick begins."""
+        """Return when a tick begins."""
         return (ticks - self._first) / self._hz + 1e-9
 
 
 class MotionReport:
     """One command to respond to motion, at the pace of its delay, the timer's ticks and the line.
 
-    In turn: `read` at `due_s`, and `packet` has passed the line at the next `due_s`. The maker says
-    of the ticks of the delay that they are of about 1 ms: they are taken for the timer's.
+    In turn: `read` at `due_s`, and `packet` has passed the line at the next `due_s`. The maker
+    states that the delay has ticks of about 1 ms; here they are those of the timer.
     """
 
     COMMAND_BYTES = 25
@@ -56,7 +56,7 @@ class MotionReport:
         self._next()
 
     def read(self, reading: wire.StandardReply) -> None:
-        """At the begin of a tick."""
+        """Take a reading at the beginning of a tick."""
         if self._must_send(reading):
             self._sent = reading
             self.packet = wire.encode_standard(self._command, reading)
@@ -69,7 +69,7 @@ class MotionReport:
         self._next()
 
     def finish(self, now_s: float) -> float:
-        """Seconds that the line is not free for yet."""
+        """Return the seconds until the line is free."""
         return max(0.0, self.due_s - now_s) if self.packet else 0.0
 
     def _next(self) -> None:
@@ -87,15 +87,15 @@ class MotionReport:
 
 
 class SpoiltPort:
-    """The port, with bytes lost and inserted on the way."""
+    """A port that loses and inserts bytes."""
 
     def __init__(self, port: PtyPort, rng: np.random.Generator) -> None:
         self._port, self._rng = port, rng
         self._on: list[Fault] = []
-        self._to_lose = 0  # bytes of what comes next
+        self._to_lose = 0  # number of the next bytes to lose
 
     def fault(self, fault: Fault, begins: bool) -> None:
-        """One without duration is of the next packet alone."""
+        """Begin or end a fault; one without duration affects only the next packet."""
         if fault.name in ("lost_byte", "inserted_byte"):
             if begins:
                 self._on.append(fault)

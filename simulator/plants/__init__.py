@@ -1,1 +1,1 @@
-"""Planting causes in a simulated arm: each by physics of its own."""
+"""Plants causes in a simulated arm, each by its own physics."""

@@ -1,4 +1,4 @@
-"""Imperfections of the arm itself, as a plant asks for them."""
+"""Makes the imperfections of the arm itself from a plant."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def draw_angle(plant: Plant, rng: np.random.Generator, name: str = "direction") 
 
 
 def draw_instant(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> float:
-    """An instant in the middle of a session that is not held out, seconds since mounting."""
+    """Draw an instant in the middle of a session that is not held out, seconds since mounting."""
     if "instant_s" in plant.detail:
         return float(plant.detail["instant_s"])
     spans = campaign.span_s()
@@ -63,7 +63,7 @@ def make_periodic(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect
 
 
 def make_wobble(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
-    """`kind` "tilt" (size in ″) or "run-out" (size in µm)."""
+    """Make a wobble: `kind` "tilt" (size in ″) or "run-out" (size in µm)."""
     order = int(plant.detail.get("order", rng.integers(1, 3)))
     tilt = plant.detail.get("kind", "tilt") == "tilt"
     return WobblingAxis(
@@ -77,7 +77,7 @@ def make_wobble(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
 
 
 def make_knock(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
-    """`parameter`: theta, alpha (size in ″), d or a (size in µm)."""
+    """Make a knock: `parameter` theta, alpha (size in ″), d or a (size in µm)."""
     parameter = str(plant.detail.get("parameter", rng.choice(["theta", "alpha", "d", "a"])))
     angle, length = plant.size * ARC_SECOND, 1e-3 * plant.size
     still = (0.0, 0.0, 0.0)
@@ -100,14 +100,17 @@ def make_bow(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effe
 
 
 def make_warm(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
-    """`order` 1: ″/K; 2: ″/K²."""
+    """Make a warm housing: `order` 1: ″/K; 2: ″/K²."""
     if int(plant.detail.get("order", 1)) == 2:
         return WarmHousing(plant.number, 0.0, plant.size)
     return WarmHousing(plant.number, plant.size)
 
 
 def plant_mount(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
-    """`kind` "drift" (size × 3″ and 5 µm an hour) or "step" (size × 4″ and 5 µm at once)."""
+    """Make a moving mount.
+
+    `kind` "drift" (size × 3″ and 5 µm an hour) or "step" (size × 4″ and 5 µm at once).
+    """
     step = plant.detail.get("kind", "drift") == "step"
     turn = plant.size * (4.0 if step else 3.0) * draw_directions(rng, 1)[0]
     shift = plant.size * 5.0 * draw_directions(rng, 1)[0]
@@ -117,7 +120,7 @@ def plant_mount(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> E
 
 
 def make_tip_change(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
-    """`kind` "refit" (from an instant on) or "once" (all along)."""
+    """Make a moved tip: `kind` "refit" (from an instant on) or "once" (from the start)."""
     shift = tuple(plant.size * draw_directions(rng, 1)[0])
     if plant.detail.get("kind", "refit") == "once":
         return RefittedTip(shift)
@@ -125,7 +128,11 @@ def make_tip_change(plant: Plant, rng: np.random.Generator, campaign: Campaign) 
 
 
 def make_gear_mesh(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
-    """`other`: the joint that drives it (a neighbour), `waves` a turn of it, `ratio` of its own."""
+    """Make a gear mesh.
+
+    `other`: the joint that drives it (a neighbour); `waves`: per turn of that joint; `ratio`: the
+    share of its own angle.
+    """
     neighbours = [k for k in (plant.number - 1, plant.number + 1) if k >= 1]
     neighbours = [k for k in neighbours if k <= campaign.rig.arm.n_joints]
     other_joint = int(plant.detail.get("other", rng.choice(neighbours)))
@@ -135,7 +142,10 @@ def make_gear_mesh(plant: Plant, rng: np.random.Generator, campaign: Campaign) -
 
 
 def make_work(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
-    """`parameter` "theta" (size in ″ at 1 rad/s) or "length" (size × 4 ppm); `time_constant_s`."""
+    """Make self-heating: `parameter` "theta" (size in ″ at 1 rad/s) or "length" (size × 4 ppm).
+
+    `time_constant_s` is its time constant.
+    """
     lag_s = float(
         plant.detail.get("time_constant_s", np.exp(rng.uniform(np.log(120), np.log(900))))
     )
@@ -145,7 +155,7 @@ def make_work(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
 
 
 def make_unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
-    """What is in no catalogue, by its `kind`; `joint` and `other` are its places."""
+    """Make an effect of no catalogue, by its `kind`; `joint` and `other` are its places."""
     joint = int(plant.detail.get("joint", 2))
     other_joint = int(plant.detail.get("other", 3))
     match str(plant.detail.get("kind", "cable")):

@@ -1,7 +1,7 @@
-"""Planting causes in a campaign: what is wrong, how much, and where.
+"""Plants causes in a campaign: a fault, its size and its place.
 
-The table `CAUSES` has one line per cause of `armd diagnose`; each plants physics of its own
-(`truth/effects/`), of a size in the cause's unit. "unknown" plants what no catalogue has.
+The table `CAUSES` has one line per cause of `armd diagnose`; each plants its own physics
+(`truth/effects/`), of a size in the cause's unit. "unknown" plants effects of no catalogue.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MakeEffect = Callable[[Plant, np.random.Generator, Campaign], Effect]
 
 @dataclass(frozen=True)
 class Planting:
-    """How a cause is planted; `plant` gets the campaign, what to plant, and a generator."""
+    """A recipe to plant a cause: `plant` gets the campaign, the plant, and a generator."""
 
     unit: str
     typical: float
@@ -51,7 +51,7 @@ class Planting:
 
 
 def plant_imperfection(make: MakeEffect) -> How:
-    """Planting an imperfection of the arm itself."""
+    """Return a function that plants an imperfection of the arm itself."""
 
     def plant(campaign: Campaign, planned: Plant, rng: np.random.Generator) -> Campaign:
         imperfect = campaign.rig.arm
@@ -68,7 +68,7 @@ def plant_imperfection(make: MakeEffect) -> How:
 
 
 def allow_drift(make: MakeEffect) -> MakeEffect:
-    """What *make* makes, or the same along a course where the plant has one."""
+    """Return a function like *make* that makes a drift if the plant has a course."""
 
     def either(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
         return (make_drifting if is_drift(plant) else make)(plant, rng, campaign)
@@ -77,7 +77,7 @@ def allow_drift(make: MakeEffect) -> MakeEffect:
 
 
 def plant_all(campaign: Campaign, plants: Sequence[Plant], rng: np.random.Generator) -> Campaign:
-    """The campaign with all *plants* in it; raises `BadInput` for what cannot be planted."""
+    """Return the campaign with all *plants*; raises `BadInput` for one that cannot be planted."""
     for plant in plants:
         if plant.cause not in CAUSES:
             suggestion = suggest(plant.cause, CAUSES)

@@ -1,4 +1,4 @@
-"""Drawing causes at random, at places where physics lets them show."""
+"""Draws causes at random, at places where physics makes them visible."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.plant import Plant
 from armd.simulator.truth.nominal import list_sensor_names
 
-#: Joints whose angle error no mounting or tip can pass for. The first joint's constant is the
-#: mount's, the last one's the tip's, but their harmonics are their own.
+#: Joints whose angle error cannot be absorbed by the mount or the tip. The mount absorbs the first
+#: joint's constant and the tip the last one's, but not their harmonics.
 JOINTS = (1, 2, 3, 4, 5, 6)
 #: Long links, which bend, bow and expand.
 LINKS = (2, 4)
 #: Joints that carry weight across their axis in most poses.
 LOADED = (2, 3)
-#: Joints whose knock is neither the mount's nor the tip's.
+#: Joints whose knock neither the mount nor the tip absorbs.
 KNOCKED = (2, 3, 4, 5)
 #: Links with enough length for a wrong temperature to matter.
 WARM = (1, 2, 4)
@@ -34,10 +34,10 @@ FOREIGN = tuple(FOREIGN_SIZE)
 
 
 def draw_plant(rng: np.random.Generator, causes: Sequence[str] = (), factor: float = 1.0) -> Plant:
-    """One plant of a cause out of *causes* (all but "unknown" if empty).
+    """Draw one plant of a cause out of *causes* (all but "unknown" if empty).
 
-    Its size is the typical one × *factor* × a log-normal factor of ±40 %, of either sign where
-    that means something.
+    Its size is the typical one × *factor* × a log-normal factor of ±40 %, of either sign where the
+    sign has a meaning.
     """
     choices = causes or [cause for cause in CAUSES if cause != "unknown"]
     cause = str(rng.choice(choices))
@@ -56,7 +56,7 @@ def draw_plant(rng: np.random.Generator, causes: Sequence[str] = (), factor: flo
             detail = {"parameter": parameter}
             size *= 2.0 if parameter in "da" else 1.0
             if parameter == "d":
-                # Along parallel axes a shift of one joint is that of the other.
+                # Along parallel axes, shifts of two joints are the same.
                 return Plant(cause, f"joint {rng.choice([4, 5])}", size, detail)
         case "self_heating":
             detail = {"parameter": "theta"}
@@ -71,7 +71,7 @@ def _place(rng: np.random.Generator, cause: str) -> str:
         case "joint":
             joints = {"joint_compliance": LOADED, "geometry_shift": KNOCKED}.get(cause, JOINTS)
             if cause in ("encoder_scale", "joint_thermal", "axis_wobble", "self_heating"):
-                # A gain of the last joints' angle, or their lean, drowns in the tip's few mm.
+                # The tip's few mm make a gain or tilt of the last joints invisible.
                 joints = (2, 3, 4, 5) if cause != "axis_wobble" else (1, 2, 3, 4)
             return f"joint {rng.choice(joints)}"
         case "link":

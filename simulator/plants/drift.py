@@ -1,7 +1,7 @@
-"""Planting what drifts: a zero, a length, a twist or the mount, along a course of its own.
+"""Plants drifts: of a zero, a length, a twist or the mount, along a course in time.
 
 A plant drifts if its `detail` has a `course`: "creeping", "relaxing", "swelling", "daily" or
-"wandering". Its size is how far it goes: of a mount × 4″ and 5 µm.
+"wandering". Its size is the final amount: for a mount × 4″ and 5 µm.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from armd.simulator.truth.rotations import draw_directions
 COURSES = ("creeping", "relaxing", "swelling", "daily", "wandering")
 #: Typical sizes by parameter: ″ of a zero or twist, ppm of a length.
 DRIFT_SIZE = {"theta": 12.0, "alpha": 15.0, "a": 40.0, "d": 40.0}
-#: Joints whose zero is neither the mount's nor the tip's; links long enough to show a strain.
+#: Joints whose zero neither mount nor tip absorbs; links long enough to show a strain.
 ZEROS, LONG, TWISTED = (2, 3, 4, 5), {"a": (2,), "d": (4,)}, (2, 3, 4)
-MOUNT_SIZE = 8.0  # × 4″ and 5 µm: only what it moves under a standing artefact shows
+MOUNT_SIZE = 8.0  # × 4″ and 5 µm: only motion within a placement shows
 
 
 def is_drift(plant: Plant) -> bool:
@@ -34,7 +34,7 @@ def is_drift(plant: Plant) -> bool:
 
 
 def make_drifting(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
-    """The effect of a plant with a course."""
+    """Make the effect of a plant with a course."""
     along = _course(str(plant.detail["course"]), plant, rng, campaign)
     if plant.cause == "mount_drift":
         turn, shift = (
@@ -62,7 +62,7 @@ def _course(kind: str, plant: Plant, rng: np.random.Generator, campaign: Campaig
         case "creeping":
             return course.make_creeping(since, until)
         case "relaxing":
-            # A mount that settles does so within the sessions, or nothing of it is seen.
+            # A mount must settle within a session, or nothing of it is visible.
             longest = spans[0][1] - since if plant.cause == "mount_drift" else span
             return course.make_relaxing(since, longest * float(rng.uniform(0.15, 0.5)))
         case "swelling":
@@ -74,7 +74,7 @@ def _course(kind: str, plant: Plant, rng: np.random.Generator, campaign: Campaig
 
 
 def draw_drift(rng: np.random.Generator) -> Plant:
-    """One plant that drifts, of typical size × a log-normal factor of ±40 %, either sign."""
+    """Draw one drifting plant, of typical size × a log-normal factor of ±40 %, either sign."""
     kind = str(rng.choice(COURSES))
     size = float(np.exp(rng.normal(0.0, 0.4)) * rng.choice([-1.0, 1.0]))
     parameter = str(rng.choice([*DRIFT_SIZE, "mount"]))

@@ -1,4 +1,4 @@
-"""Planting in an arm on a wire: what is wrong with it is so from the beginning."""
+"""Plants causes in an arm on a wire, which has them from the beginning."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import parse_plant
 from armd.simulator.truth.arm import TrueArm
 
-#: Causes that set in at some instant did so in a session that was over before the simulation began.
+#: Causes that begin at an instant begin in a session before the simulation.
 BEFORE_H = -24.0
 
 
 def plant_in_arm(arm: TrueArm, texts: Sequence[str], seed: int) -> TrueArm:
-    """*arm* with everything of *texts* (`cause@location=size`) in it.
+    """Return *arm* with everything of *texts* (`cause@location=size`) in it.
 
-    Raises `BadInput` for what cannot be planted, or is not of the arm itself.
+    Raises `BadInput` for a cause that cannot be planted, or is not of the arm itself.
     """
     past = SessionPlan("past", BEFORE_H, Climate(), plan_rounds(1, 5))
     artefact = make_seat()

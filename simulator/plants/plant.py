@@ -1,4 +1,4 @@
-"""What to plant: a cause, its place and its size."""
+"""A cause to plant, with its place and its size."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ Detail = Mapping[str, float | str]
 class Plant:
     """A cause to plant: "joint 3", "link 2", "sensor t4", …; size in the cause's unit.
 
-    `detail` fixes what is otherwise drawn at random: `order`, `direction`, `parameter`, …; and
-    `distortion` bends an effect's shape off the textbook's by that share.
+    `detail` fixes properties that are otherwise drawn: `order`, `direction`, `parameter`, …; and
+    `distortion` changes an effect's form from the textbook's by that share.
     """
 
     cause: str
@@ -30,7 +30,7 @@ class Plant:
 
 
 def parse_plant(text: str) -> Plant:
-    """`cause@location=size`, such as ``encoder_eccentricity@joint 3=0.8``."""
+    """Parse `cause@location=size`, such as ``encoder_eccentricity@joint 3=0.8``."""
     cause, at_sign, rest = text.partition("@")
     location, equals, size = rest.rpartition("=")
     try:
@@ -42,7 +42,7 @@ def parse_plant(text: str) -> Plant:
 
 
 def list_columns(plant: Plant) -> list[str]:
-    """The columns of a session that a planted cause acts through."""
+    """List the columns of a session on which a planted cause depends."""
     place = plant.location.split()[-1]
     if plant.cause == "unknown":
         joint, other_joint = (plant.detail.get(k, v) for k, v in (("joint", 2), ("other", 3)))

@@ -1,4 +1,4 @@
-"""Planting what is wrong around the arm: its heat, its sensors, the artefact, single readings."""
+"""Plants faults around the arm: heat, sensors, the artefact, single readings."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def plant_artefact_expansion(campaign: Campaign, plant: Plant, _: np.random.Gene
 
 
 def plant_artefact_length(campaign: Campaign, plant: Plant, rng: np.random.Generator) -> Campaign:
-    """One ball moved since its certificate (µm), or everything grown ("artefact", µm/m)."""
+    """Move one ball since its certificate (µm), or scale the artefact ("artefact", µm/m)."""
     direction = draw_directions(rng, 1)[0]
 
     def change(artefact: Artefact) -> Artefact:
@@ -74,8 +74,10 @@ def plant_artefact_length(campaign: Campaign, plant: Plant, rng: np.random.Gener
 
 
 def plant_artefact_sag(campaign: Campaign, plant: Plant, rng: np.random.Generator) -> Campaign:
-    """It hangs between its supports by so much (µm) when level: along `axis` 0 or 1, supports at
-    `supports` of its half length."""
+    """Make the artefact sag between its supports by *size* (µm) when level.
+
+    It bends along `axis` 0 or 1, with supports at `supports` of its half length.
+    """
     axis = int(plant.detail.get("axis", 0))
     supports = float(plant.detail.get("supports", rng.choice([0.1, 0.9])))
     sag = Sag(1e-3 * plant.size, axis, supports)
@@ -83,7 +85,7 @@ def plant_artefact_sag(campaign: Campaign, plant: Plant, rng: np.random.Generato
 
 
 def plant_outliers(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
-    """A share of the readings (`fraction`) taken with the tip not in its seat."""
+    """Displace the tip from its seat in a share of the readings (`fraction`)."""
     fraction = float(plant.detail.get("fraction", 0.015))
 
     def spoil(rng: np.random.Generator, n: int) -> F64:

@@ -1,1 +1,1 @@
-"""A printed hobby arm (SO-101) that is not there: magnetic encoders, play, flex, warm motors."""
+"""A simulated printed hobby arm (SO-101): magnetic encoders, play, flex, warm motors."""

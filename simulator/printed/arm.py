@@ -1,8 +1,8 @@
-"""The true SO-101: its own chain of printed parts, and what its encoders make of it.
+"""The true SO-101: its own chain of printed parts, and its encoders.
 
 The chain is the robot description's (origin and axis of each joint), not armd's rows; each printed
-part departs from it. Between an encoder and the link that it stands for lie a horn with play and
-parts that give way under gravity; the encoder itself is a magnet beside its axis.
+part departs from it. Between an encoder and its link are a horn with play and parts that bend under
+gravity. The encoder itself is a magnet beside its axis.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ COUNTS_PER_TURN = 4096
 GRAVITY = 9.80665
 REFERENCE_C = 20.0
 PLA_PER_K = 70e-6
-#: Of the joints' origins in the link before them: mm, and roll, pitch, yaw in quarter turns but for
+#: The joints' origins in the link before them: mm, and roll, pitch, yaw in quarter turns except
 #: the twist of the last one. TheRobotStudio/SO-ARM100, so101_new_calib.urdf. z is the axis.
 ORIGINS_MM = np.array(
     [
@@ -40,7 +40,7 @@ TURNS_RAD = np.array(
         (_QUARTER, 0.0486795, 2 * _QUARTER),
     ]
 )
-TIP_MM = np.array([-7.9, -0.218121, -98.1274])  # the gripper frame: there the ball is to be
+TIP_MM = np.array([-7.9, -0.218121, -98.1274])  # the gripper frame, where the ball is
 MASS_KG = np.array([0.100, 0.103, 0.104, 0.079, 0.099])
 CENTRE_MM = np.array(
     [
@@ -56,20 +56,20 @@ LIMITS_DEG = np.array([(-110, 110), (-100, 100), (-96.8, 96.8), (-95, 95), (-157
 
 @dataclass(frozen=True)
 class PrintedArm:
-    """Five joints. Angles are the description's, rad."""
+    """A printed arm of five joints. Angles are the description's, rad."""
 
-    shift_mm: F64  # (5, 3) of each printed part, and (3,) of the tip
+    shift_mm: F64  # (5, 3) of each printed part
     tilt_rad: F64  # (5, 3)
     tip_mm: F64  # (3,)
-    horn_rad: F64  # (5,): how far from the middle the horn was put on
+    horn_rad: F64  # (5,): offset of the horn from the middle
     eccentricity: F64  # (5, 2): the magnet's offset over the sensors' radius
-    second_rad: F64  # (5, 2): twice a turn, cosine and sine
+    second_rad: F64  # (5, 2): second harmonic, cosine and sine
     stiffness_nm: F64  # (5,) per rad
     play_rad: F64  # (5,) either way
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> PrintedArm:
-        """As somebody prints and assembles one."""
+        """Draw an arm with the usual errors of printing and assembly."""
         around = rng.uniform(0, 2 * np.pi, (2, 5))
         magnet = rng.uniform(0.002, 0.008, 5)  # up to half a degree
         twice = np.radians(rng.uniform(0.03, 0.12, 5))
@@ -85,7 +85,7 @@ class PrintedArm:
         )
 
     def as_json(self) -> dict[str, list[float]]:
-        """What a diagnosis is after, as plain data."""
+        """Return the values that a diagnosis should find, as plain data."""
         second_of_arc = math.pi / 180 / 3600
         return {
             "encoder_eccentricity_arcsec": [
@@ -99,20 +99,20 @@ class PrintedArm:
         }
 
     def tip(self, angles: F64, link_c: F64) -> F64:
-        """The ball's centre (3,) mm of the angles (5,) at which the encoders stand."""
+        """Return the ball's centre (3,) mm for the angles (5,) of the encoders."""
         torque = self._torques(angles)
         loose = self.play_rad * np.tanh(torque / 0.01)
         return self.tip_of_links(angles + torque / self.stiffness_nm + loose, link_c)
 
     def tip_of_links(self, angles: F64, link_c: F64) -> F64:
-        """The same, of the angles (5,) at which the links themselves stand."""
+        """Return the ball's centre (3,) mm for the angles (5,) of the links."""
         frames = self._frames(angles, link_c)
         growth = 1 + PLA_PER_K * (link_c[4] - REFERENCE_C)
         tip: F64 = frames[-1][:3, 3] + frames[-1][:3, :3] @ self.tip_mm * growth
         return tip
 
     def counts(self, angles: F64, rng: np.random.Generator) -> I64:
-        """What the servos say (5,): whole counts from the middle."""
+        """Return the positions that the servos send (5,): whole counts from the middle."""
         encoder_rad = angles + self.horn_rad
         magnet = np.arctan2(
             np.sin(encoder_rad) - self.eccentricity[:, 1],
@@ -126,7 +126,7 @@ class PrintedArm:
         return np.rint(noisy).astype(np.int64)
 
     def _frames(self, angles: F64, link_c: F64) -> list[F64]:
-        """Each joint's child frame (4, 4)."""
+        """Return each joint's child frame (4, 4)."""
         frame, frames = np.eye(4), []
         for k in range(5):
             # The part that carries joint k is the link before it.
@@ -141,7 +141,7 @@ class PrintedArm:
         return frames
 
     def _torques(self, angles: F64) -> F64:
-        """Of gravity about each joint's axis (5,) Nm, positive with the angle."""
+        """Return gravity's torques about each joint's axis (5,) Nm, positive with the angle."""
         frames = self._frames(angles, np.full(5, REFERENCE_C))
         centres = [f[:3, 3] + f[:3, :3] @ c for f, c in zip(frames, CENTRE_MM, strict=True)]
         torques = np.zeros(5)

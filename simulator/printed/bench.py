@@ -1,7 +1,7 @@
-"""A table, a printed plate with three seats, and somebody who puts the ball into them.
+"""A simulated bench: a table, a printed plate with three seats, and a user who measures them.
 
-Three sessions of docs/tutorials/so101.md: `calibrate` and `check` with the plate in several places,
-`verify` with a seat near, in the middle and far out.
+Three sessions of docs/tutorials/so101.md: `calibrate` and `check` with the plate in several
+placements, `verify` with a near, a middle and a far seat.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ CONES_MM = {
     "SPAT3": (330.0, 60.0, 80.0),
 }
 CALLIPER_MM = 0.03
-SEAT_MM = 0.02  # how well a ball finds the middle of a printed cone
+SEAT_MM = 0.02  # standard deviation of a ball from the middle of a printed cone
 PAUSE_S = 8.0  # from one reading to the next
-WARM_K, WARM_S = 8.0, 600.0  # the motors' own electronics, their torque off
-LINK_SHARE = 0.5  # of the motor's warmth, that its link takes
+WARM_K, WARM_S = 8.0, 600.0  # heat of the motors' electronics, with torque off
+LINK_SHARE = 0.5  # share of the motor's temperature rise that its link has
 
 
 BenchRow = dict[str, str | int]
@@ -46,8 +46,10 @@ class Touch:
 def measure(
     seed: int, progress: Callable[[float], None] = lambda _share: None
 ) -> tuple[PrintedArm, dict[str, str], int]:
-    """An SO-101 drawn from *seed*, the files of its three sessions by name, and the number of
-    readings."""
+    """Measure with an SO-101 drawn from *seed*.
+
+    Returns the arm, the files of its three sessions by name, and the number of readings.
+    """
     rng = np.random.default_rng([seed, 0x50101])
     arm = PrintedArm.draw(rng)
     true = {name: np.array(seat_mm) + rng.normal(0.0, 0.1, 3) for name, seat_mm in SEATS_MM.items()}
@@ -74,7 +76,7 @@ def measure(
 def _plate_visits(
     rng: np.random.Generator, true: dict[str, F64], places: int, postures: int
 ) -> list[Touch]:
-    """The plate around the arm, flat and on a wedge, low and on a box."""
+    """Plan the plate around the arm, flat and on a wedge, low and on a box."""
     visits = []
     for i in range(places):
         angle = (i + 0.5) / places * 2.6 - 1.3 + rng.uniform(-0.1, 0.1)
@@ -101,7 +103,7 @@ def _seat_visits() -> list[Touch]:
 
 
 def _measured(rng: np.random.Generator, true: dict[str, F64]) -> dict[tuple[str, str], float]:
-    """The seats' distances by a calliper."""
+    """Return the seats' distances by a calliper."""
     return {
         pair: float(np.linalg.norm(true[pair[0]] - true[pair[1]]) + rng.normal(0.0, CALLIPER_MM))
         for pair in combinations(true, 2)
@@ -125,7 +127,7 @@ def _take(
 
 
 def _posture(arm: PrintedArm, rng: np.random.Generator, at_mm: F64, link_c: F64) -> F64:
-    """Angles at which the ball stands in the seat; some that a hand finds by chance."""
+    """Find angles with the ball in the seat, from random starting points."""
     low, high = np.radians(LIMITS_DEG).T
     for _ in range(400):
         angles = rng.uniform(0.95 * low, 0.95 * high)
@@ -133,7 +135,7 @@ def _posture(arm: PrintedArm, rng: np.random.Generator, at_mm: F64, link_c: F64)
             miss = at_mm - arm.tip(angles, link_c)
             if np.linalg.norm(miss) < 1e-6:
                 break
-            rigid = arm.tip_of_links(angles, link_c)  # its slope is nearly the whole arm's
+            rigid = arm.tip_of_links(angles, link_c)  # nearly the whole arm's derivatives
             slope = np.stack(
                 [arm.tip_of_links(angles + s, link_c) - rigid for s in np.eye(5) * 1e-6], 1
             )
@@ -148,7 +150,7 @@ def _posture(arm: PrintedArm, rng: np.random.Generator, at_mm: F64, link_c: F64)
 
 
 def _description(rows: list[BenchRow], lengths: dict[tuple[str, str], float]) -> str:
-    """session.toml."""
+    """Return the text of session.toml."""
     names = list(dict.fromkeys(str(row["target"]) for row in rows))
     lines = [
         'schema = "armd.session/1"',
@@ -173,7 +175,7 @@ def _description(rows: list[BenchRow], lengths: dict[tuple[str, str], float]) ->
 
 
 def _table(rows: list[BenchRow]) -> str:
-    """readings.csv."""
+    """Return the text of readings.csv."""
     text = io.StringIO()
     table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     table.writeheader()

@@ -1,4 +1,4 @@
-"""Blocks of physics with what the encoders count in them, the next one prepared in pieces."""
+"""Blocks of physics with their encoder counts; the next one is prepared in pieces."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Counts = npt.NDArray[np.uint32]
 
 
 class BlockBuffer:
-    """The current block, by its latches, and the next one as far as it has been prepared."""
+    """The current block, with its range of latches, and the next one, prepared in part."""
 
     def __init__(self, blocks: Iterator[Block], electronics: Electronics) -> None:
         self._blocks = blocks
@@ -26,7 +26,7 @@ class BlockBuffer:
 
     @property
     def prepared(self) -> bool:
-        """Whether `take` would have nothing to wait for."""
+        """Whether `take` needs no further work."""
         return self._next_counts is not None
 
     @property
@@ -35,7 +35,7 @@ class BlockBuffer:
         return (self.first_k + self.end_k) // 2
 
     def prepare(self) -> None:
-        """One piece of what the next block takes, short enough for the time between two latches."""
+        """Do one piece of work for the next block, short enough to fit between two latches."""
         if self._next is None:
             self._next = next(self._blocks)
         elif self._next_counts is None:

@@ -21,23 +21,23 @@ from armd.simulator.serial.block_buffer import BlockBuffer
 from armd.simulator.serial.faults import SpoiltLine
 
 TEMPERATURES_PER_S = 2
-#: Wakers are late by tens of µs: up to SPIN_HZ the last EARLY_NS before a latch are spent awake.
+#: A wake-up is late by tens of µs: up to SPIN_HZ, the last EARLY_NS before a latch are busy-waited.
 EARLY_NS, SPIN_HZ = 60_000, 2000
-#: What was just sent has this long to get to its reader before the next physics are prepared: a
-#: real arm does not share its processor with the host.
+#: Pause after sending, for the reader, before the next physics are prepared: a real arm does not
+#: share its processor with the host.
 ON_ITS_WAY_NS = 300_000
-#: After a stall of this machine what is overdue leaves in pieces, hardly faster than a real line
-#: would carry it, so that the reader, who stood still as well, can keep up.
+#: After a stall of this machine, overdue packets are sent in pieces, hardly faster than by a real
+#: line, so that the reader, which stalled as well, can keep up.
 AT_ONCE_S, BETWEEN_S = 0.05, 0.002
-#: Faults during which no SAMPLE leaves, the strongest first.
+#: Faults during which no SAMPLE is sent, the strongest first.
 MUTE = ("reboot", "unplug", "silence")
 
 
 class SerialDevice:
     """One arm on one port, from boot until `run` returns.
 
-    Everything is counted in latches since the simulator started (*k*); a boot sets where the
-    device's own counter and clock began.
+    Everything is counted in latches since the simulator started (*k*); a boot sets the origin of
+    the device's own counter and clock.
     """
 
     def __init__(
@@ -69,10 +69,10 @@ class SerialDevice:
         self._buffer = BlockBuffer(blocks, self._electronics)
         self._truth_k = 0
         self._next_temperature_k = 0
-        self._packed = (-1, b"")  # a latch, and its packet when nothing disturbs it
+        self._packed = (-1, b"")  # a latch, and its packet without faults
 
     def run(self) -> None:
-        """Live for the scenario's seconds, or until interrupted."""
+        """Run for the scenario's seconds, or until interrupted."""
         seconds = self._scenario.seconds
         stop_k = sys.maxsize if seconds is None else round(seconds * self._clock.rate_hz)
         self._clock.start()
@@ -96,7 +96,7 @@ class SerialDevice:
             if spare_time and self._k >= self._buffer.middle_k and not self._buffer.prepared:
                 self._let_it_arrive()
                 self._buffer.prepare()
-            # Packed while there is time: at its latch a sample only has to leave.
+            # Packed in advance: at its latch a sample only has to be sent.
             self._packed = (
                 self._k,
                 wire.pack(self._rows[self._k - self._buffer.first_k].tobytes()),
@@ -104,18 +104,21 @@ class SerialDevice:
             self._wait(self._clock.instant_ns(self._k))
 
     def close(self) -> None:
-        """Bring the truth log up to the last latch."""
+        """Write the truth up to the last latch, and finish the fault log."""
         self._keep_truth()
         self._log.write("stop", **self._now())
 
     # latches
 
     def _latch_until(self, end_k: int) -> None:
-        """Latch k … end − 1, all in the current block and with the same faults; one write, and
-        one more for temperatures that follow: no sample waits for what comes after it."""
+        """Latch k … end − 1, all in the current block and with the same faults.
+
+        It needs one write, and one more for temperatures that follow: no sample waits for later
+        data.
+        """
         first_seq, count = self._seq(self._k), end_k - self._k
         if self._mute:
-            if self._mute != "reboot":  # while it reboots nothing is latched at all
+            if self._mute != "reboot":  # while it reboots, nothing is latched
                 self._log.note_withheld(self._mute, first_seq, first_seq + count - 1)
             self._k = end_k
             return
@@ -158,7 +161,7 @@ class SerialDevice:
         self._stamp()
 
     def _stamp(self) -> None:
-        """The block's SAMPLE bodies, numbered and timed from the last boot."""
+        """Make the block's SAMPLE bodies, numbered and timed from the last boot."""
         n, n_joints = self._block.encoder_rad.shape
         self._rows = np.zeros(n, wire.make_sample_layout(n_joints))
         since_boot = np.arange(self._buffer.first_k, self._buffer.first_k + n) - self._boot_k
@@ -169,7 +172,7 @@ class SerialDevice:
         self._rows["count"] = self._buffer.counts
 
     def _keep_truth(self) -> None:
-        """Write down the block's latches that are past and not yet written."""
+        """Write the truth of the block's past latches that is not written yet."""
         if self._mute != "reboot":
             first_k = max(self._buffer.first_k, self._boot_k, self._truth_k)
             rows = slice(first_k - self._buffer.first_k, self._k - self._buffer.first_k)
@@ -224,11 +227,11 @@ class SerialDevice:
         )
 
     def _seq(self, k: int) -> int:
-        """As published: epoch << 32 | device seq."""
+        """Return the published number: epoch << 32 | device seq."""
         return self._boot_seq + k - self._boot_k
 
     def _now(self) -> dict[str, int | float]:
-        """Where the next latch stands, for the fault log."""
+        """Return number and times of the next latch, for the fault log."""
         return {
             "seq": self._seq(self._k),
             "t_us": self._clock.latch_us(self._k - self._boot_k),
@@ -239,18 +242,20 @@ class SerialDevice:
     # the host's side of the conversation
 
     def _wait(self, instant_ns: int) -> None:
-        """Until the next latch, or the host's next bytes."""
+        """Wait until the next latch, or the host's next bytes."""
         if not self._listen(instant_ns - self._early_ns):
-            while time.monotonic_ns() < instant_ns:  # a latch does not wait for the scheduler
+            while time.monotonic_ns() < instant_ns:  # busy-wait, as the scheduler may be late
                 pass
 
     def _let_it_arrive(self) -> None:
-        """While samples come one by one."""
+        """Pause for the reader, while samples come one by one."""
         if self._early_ns:
             self._listen(time.monotonic_ns() + ON_ITS_WAY_NS)
 
     def _listen(self, until_ns: int) -> bool:
-        """Until an instant or the host's next bytes, and answer these; whether there were any."""
+        """Wait until an instant or the host's next bytes; answer these and return if there were
+        any.
+        """
         timeout_s = max(0, until_ns - time.monotonic_ns()) * 1e-9
         if not self._port.plugged:
             time.sleep(timeout_s)

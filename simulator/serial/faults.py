@@ -1,4 +1,4 @@
-"""How faults spoil a latch, a temperature reading or a packet on the serial wire."""
+"""Applies faults to a latch, a temperature reading or a packet on the serial wire."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from armd.simulator.live.faults import Fault, Schedule
 
 
 class SpoiltLine:
-    """The line as the faults of the moment leave it; *torn* while the last packet lacks its
-    delimiter, with which the next one is lost."""
+    """The line with the active faults.
+
+    *torn* is set while the last packet lacks its delimiter; then the next packet is lost too.
+    """
 
     def __init__(
         self, schedule: Schedule, rng: np.random.Generator, counts_per_turn: Sequence[int]
@@ -25,12 +27,14 @@ class SpoiltLine:
 
     @property
     def clear(self) -> bool:
-        """Nothing stands in the way of the next packet."""
+        """Whether no fault affects the next packet."""
         return not (self._schedule.active or self.torn)
 
     def sample(self, row: np.void) -> tuple[bytes, str]:
-        """What of a SAMPLE's body goes over the line, and what kept it from arriving ("": it
-        arrives)."""
+        """Return the bytes of a SAMPLE on the line, and the fault that loses it.
+
+        The fault is "" if the SAMPLE arrives.
+        """
         row = row.copy()
         for fault in self._schedule.active:
             spoil_latch(fault, row, self._turns)
@@ -45,7 +49,7 @@ class SpoiltLine:
         return packet, lost_by
 
     def temperature(self, t_us: int, celsius: F64) -> bytes:
-        """A TEMPERATURE packet of a reading (S,), which is spoilt in place."""
+        """Return the TEMPERATURE packet of a reading (S,), which is spoilt in place."""
         for fault in self._schedule.active:
             spoil_sensors(fault, celsius)
         if self._schedule.is_on("sensor_silent"):
@@ -53,7 +57,7 @@ class SpoiltLine:
         return self.pass_intact(wire.encode_temperature(t_us, celsius))
 
     def pass_intact(self, packet: bytes) -> bytes:
-        """A packet that no fault spoils."""
+        """Return a packet that no fault spoils."""
         self.torn = False
         return packet
 
@@ -80,7 +84,7 @@ def spoil_sensors(fault: Fault, celsius: F64) -> None:
 
 
 def spoil_packet(fault: Fault, packet: bytes, rng: np.random.Generator) -> bytes:
-    """What is left of a SAMPLE packet on the wire."""
+    """Return the bytes of a SAMPLE packet on the wire after a fault."""
     match fault.name:
         case "corrupted_byte":
             spoilt = bytearray(packet)

@@ -1,1 +1,1 @@
-"""Servos that are not there: both half-duplex protocols on a pty, and a printed arm of them."""
+"""Simulated servos: both half-duplex protocols on a pty, and a printed arm of them."""

@@ -1,9 +1,8 @@
-"""A printed arm of five servos and a sixth at the gripper: an SO-101 as it comes out of the box;
-or one of 3 to 9 joints of the same parts.
+"""A printed arm of servos: an SO-101 with a servo at its gripper, or 3 to 9 of its joints.
 
 Magnetic encoders on the output shafts, eccentric to their magnets; play between horn and link;
-links of PLA that bend and grow; motors that warm their neighbours. Positions are given in closed
-form at any instant, because a servo samples when it is asked.
+links of PLA that bend and expand; motors that warm their neighbours. Positions have a closed form
+at any instant, because a servo samples when it is asked.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from armd.simulator.truth.effects.encoder.eccentric_disc import EccentricDisc
 from armd.simulator.truth.effects.mechanical.play import Play
 from armd.simulator.truth.effects.mechanical.soft_joint import SoftJoint
 
-if TYPE_CHECKING:  # the wire must not wait for it
+if TYPE_CHECKING:  # loaded late: the wire must not wait
     from armd.simulator.live.led import Led
 
 
@@ -43,27 +42,29 @@ LIMITS_DEG = np.array([(-110, 110), (-100, 100), (-96.83, 96.83), (-95, 95), (-1
 TIP_MM = (-7.9, 0.17, 0.0)
 MASS_KG = (0.100, 0.103, 0.104, 0.079, 0.099)
 PLA_PER_K = 70e-6
-MIDDLE_DEG = np.array([0.0, -20.0, 30.0, 20.0, 0.0])  # of the postures in which a hand has it
+MIDDLE_DEG = np.array([0.0, -20.0, 30.0, 20.0, 0.0])  # of the postures of a hand
 GRIPPER_OPEN, GRIPPER_PRESSED = 2300, 1500  # raw positions
 
-#: of a servo: 55 g of mostly metal and plastic; still air; and what its neighbour in the chain gets
+#: heat of a servo: 55 g of metal and plastic; loss to still air; conduction to its neighbour
 CAPACITY_J_K, TO_AIR_W_K, TO_NEXT_W_K = 45.0, 0.055, 0.02
 POWER_W = np.array([0.6, 1.0, 0.9, 0.6, 0.5, 0.5])  # holding and electronics
 
 
 def list_parts(joints: int) -> list[int]:
-    """Which of the SO-101's joints (from 0) an arm of so many has, base to wrist: its first ones,
-    or all and more elbows."""
+    """List the SO-101's joints (from 0) of an arm of so many, base to wrist.
+
+    They are its first ones, or all and more elbows.
+    """
     return list(range(min(joints, 3))) + [2] * max(joints - N, 0) + list(range(3, min(joints, N)))
 
 
 def list_servo_ids(joints: int) -> tuple[int, ...]:
-    """Of the joints, and last of the gripper, which serves as a button."""
+    """List the ids of the joints, and last that of the gripper, which serves as a button."""
     return tuple(range(1, joints + 2))
 
 
 def draw_true_arm(seed: int, joints: int = N) -> TrueArm:
-    """Off the drawing by about 0.5 mm and 0.3°, as prints and screws are."""
+    """Draw an arm that departs from the drawing by about 0.5 mm and 0.3°, as prints do."""
     rng = np.random.default_rng([seed, 0x50101])
     which = list_parts(joints)
     rows = np.zeros((joints, 5))
@@ -87,8 +88,10 @@ def draw_true_arm(seed: int, joints: int = N) -> TrueArm:
 
 
 class ServoHeat:
-    """Temperatures of the servos, in closed form: each heats itself, the air cools it, and heat
-    flows along the chain."""
+    """Temperatures of the servos, in closed form.
+
+    Each servo heats itself, the air cools it, and heat flows along the chain.
+    """
 
     def __init__(
         self, ambient_c: float, rise_k: float | None, within_s: float, joints: int = N
@@ -112,14 +115,14 @@ class ServoHeat:
         self._ambient_c = ambient_c
 
     def celsius_at(self, time_s: F64) -> F64:
-        """(n, N + 1) °C at *time_s* (n,) since power-up."""
+        """Return temperatures (n, N + 1) °C at *time_s* (n,) since power-up."""
         fading = (np.exp(np.outer(time_s, self._decay)) * self._start) @ self._modes.T
         celsius: F64 = self._ambient_c + self._rise + fading
         return celsius
 
 
 class ServoArm:
-    """The arm in motion: what its servos feel at an instant, and where its tip is then."""
+    """The arm in motion: the state of its servos at an instant, and its true tip."""
 
     def __init__(
         self,
@@ -130,7 +133,7 @@ class ServoArm:
         led: Led | None = None,
         joints: int = N,
     ) -> None:
-        """Raises `BadInput` where a target of *led* is out of reach."""
+        """Draw the arm of *seed*; raises `BadInput` where a target of *led* is out of reach."""
         self.truth = draw_true_arm(seed, joints)
         self.ids = list_servo_ids(joints)
         self.warmth = ServoHeat(ambient_c, rise_k, within_s, joints)
@@ -142,7 +145,7 @@ class ServoArm:
         self._discs = {e.joint: e for e in self.truth.effects if isinstance(e, EccentricDisc)}
 
     def raw(self, servo: int, time_s: float) -> int:
-        """The encoder's position, counts from the seam, not folded to a turn."""
+        """Return the encoder's position in counts from the seam, not folded to a turn."""
         n = self.truth.n_joints
         if servo > n:
             return GRIPPER_PRESSED if self.motion.pressed(time_s) else GRIPPER_OPEN
@@ -154,7 +157,7 @@ class ServoArm:
         return round(shown_rad / (2 * math.pi) * COUNTS_PER_TURN) + COUNTS_PER_TURN // 2
 
     def tips_mm(self, time_s: F64) -> F64:
-        """The true tip (n, 3) at instants (n,)."""
+        """Return the true tip (n, 3) at instants (n,)."""
         angle, joints = self.motion.angle, range(1, self.truth.n_joints + 1)
         phi = np.array([[angle(k, t) for k in joints] for t in time_s])
         ahead = np.array([[angle(k, t + 1e-4) for k in joints] for t in time_s])
@@ -168,7 +171,7 @@ class ServoArm:
         return self.truth.tip(phi, conditions)
 
     def _link_c(self, time_s: F64) -> F64:
-        """(n, N): the body of servo k+1 sits in link k."""
+        """Return the links' temperatures (n, N): the body of servo k+1 is in link k."""
         return self.warmth.celsius_at(time_s)[:, 1:]
 
     def _wandering(self, seed: int) -> ServoMotion:
@@ -188,7 +191,7 @@ class ServoArm:
 
 
 def make_arm_toml(serial_number: str, joints: int = N) -> str:
-    """The drawing of the arm, as an arm.toml."""
+    """Make the arm.toml of the arm's drawing."""
     lines = ['schema = "armd.arm/1"', f'serial_number = "{serial_number}"']
     lines += ["reference_temperature_c = 20.0", ""]
     for k in list_servo_ids(joints)[1:]:

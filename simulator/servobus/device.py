@@ -1,4 +1,4 @@
-"""The servos' side of the line: who answers what, each in its slot, at the line's true pace."""
+"""The servos' side of the line: answers of each servo in its slot, at the line's true pace."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 SCHEDULE_HZ = 1000
 TRUTH_HZ = 500
 CODECS = {"feetech": feetech, "dynamixel": dynamixel, "dynamixel1": dynamixel1}
-#: before each answer, at the least
+#: the least pause before each answer
 TURN_ROUND_NS = {"feetech": 50_000, "dynamixel": 40_000, "dynamixel1": 40_000}
-AWAKE_NS = 60_000  # before the last answer, which the host waits for: sleep is as inexact
-LATE_NS = 100_000  # by how much a write may be late, and its slot still count as kept
+AWAKE_NS = 60_000  # busy-wait before the last answer, as sleep is inexact by this
+LATE_NS = 100_000  # largest lateness of a write within its slot
 MUTE = ("silence", "reboot")
 GARBAGE = b"\xff\xff\x01\xff\xff\xfd\x00\x02\xff"
 
@@ -34,17 +34,17 @@ GARBAGE = b"\xff\xff\x01\xff\xff\xfd\x00\x02\xff"
 class ServoBus:
     """All servos on one port, from power-up until `run` returns.
 
-    Rows of truth are numbered by their instant (CLOCK_MONOTONIC, ns), as a servo line has no
-    number of its own.
+    Rows of truth are numbered by their instant (CLOCK_MONOTONIC, ns), as a servo line has no number
+    of its own.
     """
 
     def __init__(
         self, family: str, scenario: Scenario, port: PtyPort, truth: TruthFile, log: FaultLog,
         baud: int | None, led: Led | None = None,
     ) -> None:  # fmt: skip
-        """*led*: what the hand is to do, else it wanders; *baud*: the one rate that is heard."""
+        """Make the bus; *led*: the plan of the hand, or None; *baud*: the only rate received."""
         self._codec = CODECS[family]
-        self._is_short = family != "dynamixel"  # addresses of a byte, no model in a pong
+        self._is_short = family != "dynamixel"  # addresses have one byte, a pong has no model
         self._turn_round_ns = TURN_ROUND_NS[family]
         self._scenario = scenario
         self._schedule = Schedule(scenario.fault, SCHEDULE_HZ)
@@ -55,22 +55,22 @@ class ServoBus:
             scenario.joints or N,
         )  # fmt: skip
         self._rng = np.random.default_rng([scenario.seed, 0x5EB0])
-        # Of protocol 1.0 the last joint and the gripper are AX-12, the others MX-28.
+        # In protocol 1.0 the last joint and the gripper are AX-12, the others MX-28.
         old = self._arm.ids[-2:]
         self._servos = {
             n: SimulatedServo(n, family, model=AX_12 if n in old else MX_28) for n in self._arm.ids
         }
         self._splitter = self._codec.make_splitter()
-        self._once: list[Fault] = []  # faults of one cycle that have not been yet
-        self._late_status = b""  # an answer that comes a cycle late
+        self._once: list[Fault] = []  # faults of one cycle that are still to come
+        self._late_status = b""  # an answer to send one cycle late
         self._byte_ns = 0.0
-        self._transit_ns = measure_transit_ns()  # a wire has none
+        self._transit_ns = measure_transit_ns()  # subtracted, as a wire has none
         self._began_ns = time.monotonic_ns()
         self._warm_step, self._warm = -1, np.empty(0)
-        self._told_s = 0.0  # truth has been written up to here
+        self._told_s = 0.0  # time up to which the truth is written
 
     def run(self) -> None:
-        """Live for the scenario's seconds, or until interrupted."""
+        """Run for the scenario's seconds, or until interrupted."""
         self._began_ns = time.monotonic_ns()
         self._log.write("boot", monotonic_ns=self._began_ns, servos=list(self._arm.ids))
         seconds = self._scenario.seconds
@@ -86,7 +86,7 @@ class ServoBus:
             arrived_ns = time.monotonic_ns() - self._transit_ns
             baud = self._port.baud
             if self._baud is not None and baud != self._baud:
-                self._splitter.flush()  # gibberish
+                self._splitter.flush()  # bytes at a wrong rate
                 continue
             self._byte_ns = 1e10 / baud
             if self._schedule.is_on("echo"):
@@ -96,7 +96,7 @@ class ServoBus:
                     self._obey(packet, arrived_ns + len(packet.raw) * self._byte_ns)
 
     def close(self) -> None:
-        """Bring the truth log up to now."""
+        """Write the truth up to now, and finish the fault log."""
         until_s = min(self._now_s(), self._scenario.seconds or float("inf"))
         time_s = np.arange(self._told_s, until_s, 1 / TRUTH_HZ)
         for part in np.array_split(time_s, max(1, len(time_s) // 2000)):
@@ -109,7 +109,7 @@ class ServoBus:
     # --- answers ------------------------------------------------------------------------------
 
     def _obey(self, packet: Packet, heard_ns: float) -> None:
-        """A packet whose last bit came at *heard_ns*."""
+        """Answer a packet whose last bit came at *heard_ns*."""
         codec = self._codec
         request = codec.decode_read_request(packet)
         if request is not None:
@@ -139,7 +139,7 @@ class ServoBus:
         to_one_servo: bool,
     ) -> None:  # fmt: skip
         is_cycle = address == self._servos[self._arm.ids[0]].registers.position
-        is_cycle &= not to_one_servo or self._codec is dynamixel1  # which has no sync read
+        is_cycle &= not to_one_servo or self._codec is dynamixel1  # it has no sync read
         once = []
         if is_cycle:
             once = [f for f in self._once if not to_one_servo or f.joint in ids]
@@ -171,7 +171,7 @@ class ServoBus:
     def _answer_fast(
         self, ids: tuple[int, ...], address: int, length: int, heard_ns: float, faults: list[Fault]
     ) -> None:
-        """One packet of all; who is silent ends it."""
+        """Answer in one packet of all; a silent servo ends it."""
         answers: list[Status | None] = []
         at_ns = heard_ns + self._turn_round_ns + 8 * self._byte_ns
         for n in ids:
@@ -202,7 +202,7 @@ class ServoBus:
         return max(self._turn_round_ns, 2000 * servo.table[servo.registers.return_delay])
 
     def _say(self, status: bytes, free_ns: float, n: int, last: bool = False) -> float:
-        """A status once the line is free, its last bit at its true instant; when that is."""
+        """Send a status once the line is free; return the true instant of its last bit."""
         end_ns = free_ns + self._gap_ns(self._servos[n]) + len(status) * self._byte_ns
         wait_ns = end_ns - time.monotonic_ns() - (AWAKE_NS if last else 0)
         if wait_ns > 0:
@@ -213,7 +213,7 @@ class ServoBus:
         return max(end_ns, time.monotonic_ns() - LATE_NS)
 
     def _feel(self, servo: SimulatedServo, at_ns: float, faults: list[Fault]) -> None:
-        """The servo samples."""
+        """Let the servo sample."""
         time_s = (at_ns - self._began_ns) * 1e-9
         raw = self._arm.raw(servo.id, time_s)
         celsius = float(self._celsius(time_s)[servo.id - 1])
@@ -226,7 +226,7 @@ class ServoBus:
         servo.feel(raw - 4096 if runs_on else raw, celsius, time_s, runs_on)
 
     def _celsius(self, time_s: float) -> F64:
-        """Of all servos; computed ten times a second, as it changes in minutes."""
+        """Return the temperatures of all servos, computed ten times a second."""
         step = int(time_s * 10)
         if step != self._warm_step:
             self._warm_step = step

@@ -1,4 +1,4 @@
-"""Who moves the servos: a hand that wanders, or one that is led; at any instant, in closed form."""
+"""The motion of the servos at any instant, in closed form: a wandering hand, or a planned one."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from armd.arrays import F64
 from armd.simulator.live.operator import Stretch
 
-PRESS_S = 0.2  # how long the button is down
+PRESS_S = 0.2  # how long the button is pressed
 
 
 class ServoMotion:
-    """Stretches, one after the other, thought up as far as somebody has asked."""
+    """Stretches, one after the other, planned as far as an instant was asked for."""
 
     def __init__(self, first: Stretch, plan_next: Callable[[Stretch], Stretch]) -> None:
         self._stretches, self._starts = [first], [first.start_s]
         self._plan_next = plan_next
 
     def angle(self, joint: int, time_s: float) -> float:
-        """Of the axis of *joint* (from 1), rad, as the drawing counts it."""
+        """Return the angle of *joint* (from 1), rad, as in the drawing."""
         now = self._stretch_at(time_s)
         u = min((time_s - now.start_s) / now.move_s, 1.0)
         profile = u**3 * (10.0 + u * (-15.0 + 6.0 * u))
@@ -40,8 +40,10 @@ class ServoMotion:
 
 
 def make_wandering(seed: int, middle: F64, low: F64, high: F64) -> ServoMotion:
-    """Without end through postures between *low* and *high* (N,) rad, from *middle* on; the same
-    for the same *seed*."""
+    """Make an endless motion through postures between *low* and *high* (N,) rad, from *middle* on.
+
+    It is the same for the same *seed*.
+    """
     rng = np.random.default_rng([seed, 0x4A4D])
 
     def plan_next(before: Stretch) -> Stretch:

@@ -1,4 +1,4 @@
-"""One servo: a table of registers, filled as it is read."""
+"""One servo: a table of registers, filled when it is read."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SIGN = 0x8000
 
 @dataclass(kw_only=True)
 class Registers:
-    """Where a family of servos keeps what, and how."""
+    """The addresses of a family's registers."""
 
     size: int
     position: int
@@ -19,9 +19,9 @@ class Registers:
     torque: int
     return_delay: int
     homing: int
-    firmware: int  # the last byte of it
-    eeprom_end: int  # what is below outlives the power
-    lock: int | None  # 1 there: the EEPROM keeps nothing that is written (Feetech)
+    firmware: int  # its last byte
+    eeprom_end: int  # registers below this survive a power loss
+    lock: int | None  # value 1: written EEPROM registers are not kept (Feetech)
 
 
 FEETECH = Registers(
@@ -43,14 +43,14 @@ ONE_TURN, MANY_TURNS = (0, 4095), (4095, 4095)  # limits of an MX-28
 
 @dataclass
 class SimulatedServo:
-    """Answers for itself; the bus says when."""
+    """A servo with its registers; the bus decides when it samples."""
 
     id: int
     kind: str
     firmware: int = 10
     table: bytearray = field(init=False)
-    error: int = 0  # of its statuses
-    offset: int = 0  # counts, by which somebody has changed its homing offset
+    error: int = 0  # the error byte of its statuses
+    offset: int = 0  # counts, a change of its homing offset by another tool
     model: int = MX_28  # of protocol 1.0
 
     def __post_init__(self) -> None:
@@ -76,7 +76,7 @@ class SimulatedServo:
         self._eeprom = bytes(table[: self.registers.eeprom_end])
 
     def feel(self, raw: int, celsius: float, time_s: float, runs_on: bool) -> None:
-        """Where the shaft stands and how warm it is. *runs_on*: over the turns, unfolded."""
+        """Sample position and temperature. *runs_on*: over the turns, unfolded."""
         table, registers = self.table, self.registers
         homed_counts = raw - self.offset if self.feetech else raw + self.offset
         position = homed_counts if runs_on else homed_counts % 4096
@@ -84,7 +84,7 @@ class SimulatedServo:
             word = (SIGN | -position) if position < 0 else position
             table[56:58] = word.to_bytes(2, "little")
         elif self.kind == "dynamixel1":
-            if self.model == AX_12:  # 300° of a turn, and its ends beyond
+            if self.model == AX_12:  # 300° of a turn; its end values beyond
                 position = min(max((homed_counts - 2048) * 3 // 10 + 512, 0), 1023)
             table[36:38] = position.to_bytes(2, "little", signed=True)
         else:
@@ -93,14 +93,14 @@ class SimulatedServo:
         table[registers.temperature] = max(0, min(255, round(celsius)))
 
     def set_homing(self, counts: int) -> None:
-        """As another tool would: the register, and from then on every position."""
+        """Change the homing register, as another tool would, and all later positions."""
         address = self.registers.homing
         if self.feetech:
             word = abs(counts) | (0x800 if counts < 0 else 0)
             self.table[address : address + 2] = word.to_bytes(2, "little")
         elif self.kind == "dynamixel1":
             if self.model == AX_12:
-                return  # it has none
+                return  # it has no homing offset
             self._set_limits(MANY_TURNS if counts else ONE_TURN)
             self.table[address : address + 2] = counts.to_bytes(2, "little", signed=True)
         else:
@@ -112,9 +112,9 @@ class SimulatedServo:
         self.table[6:10] = b"".join(limit.to_bytes(2, "little") for limit in limits)
 
     def alert(self, on: bool) -> None:
-        """Overload, told as the family does."""
+        """Set or reset an overload, as the family reports it."""
         bit = next(bit for bit, name in FEETECH_ERRORS.items() if name == "overload")
-        if self.kind != "dynamixel":  # whose bit both older protocols share
+        if self.kind != "dynamixel":  # both older protocols have this bit
             self.error = 1 << bit if on else 0
         else:
             self.error, self.table[70] = (0x80, 1 << bit) if on else (0, 0)
@@ -123,8 +123,11 @@ class SimulatedServo:
         return bytes(self.table[address : address + length])
 
     def write(self, address: int, data: bytes) -> int:
-        """The status's error: 0 done. A Dynamixel refuses its EEPROM while the torque is on; a
-        locked Feetech obeys, and has forgotten it when it starts anew."""
+        """Write registers; return the status's error, 0 for success.
+
+        A Dynamixel refuses writes to its EEPROM while the torque is on. A locked Feetech accepts
+        them, and loses them at a restart.
+        """
         registers, lasting = self.registers, address < self.registers.eeprom_end
         if lasting and self.kind == "dynamixel" and self.table[registers.torque]:
             return 7  # access error
@@ -134,6 +137,6 @@ class SimulatedServo:
         return 0
 
     def start_anew(self) -> None:
-        """Power lost, or restarted."""
+        """Restart, as after a power loss."""
         self.table[: self.registers.eeprom_end] = self._eeprom
         self.table[self.registers.torque] = 0

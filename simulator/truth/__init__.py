@@ -1,1 +1,1 @@
-"""What the simulated arm really is: geometry, heat, statics and imperfections, by physics."""
+"""The true simulated arm: geometry, heat, statics and imperfections, by physics."""

@@ -7,7 +7,7 @@ from armd.simulator.truth.nominal import list_sensor_names
 
 
 def list_true_constants(arm: TrueArm) -> dict[str, float]:
-    """True geometry at the reference temperature, by name: theta_1 … tip_z, rad and mm."""
+    """Return the true geometry at the reference temperature: theta_1 … tip_z, rad and mm."""
     names = ("theta", "d", "a", "alpha", "beta")
     constants = {
         f"{name}_{k}": float(value)
@@ -19,7 +19,7 @@ def list_true_constants(arm: TrueArm) -> dict[str, float]:
 
 
 def list_true_expansion(arm: TrueArm) -> list[tuple[str, str, float]]:
-    """What each length grows per kelvin of its link's sensor: (parameter, sensor, mm/K)."""
+    """List each length's change per kelvin of its link's sensor: (parameter, sensor, mm/K)."""
     sensors = list_sensor_names()
     growing = []
     for k, row in enumerate(arm.rows):

@@ -1,7 +1,7 @@
-"""The arm as it really is: its own geometry, materials and imperfections.
+"""The true arm: its own geometry, materials and imperfections.
 
-Nothing here knows how armd models an arm: encoders show what their optics see, links are bodies
-that expand, bend and ride on imperfect bearings.
+Nothing here uses armd's model of an arm. Encoders read their optics; links are bodies that expand,
+bend and turn in imperfect bearings.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from armd.simulator.truth.rotations import make_tilt, rotate_about, rotate_about
 
 
 class Movable(Protocol):
-    """An arm that a hand can move: angles in, its true tip out."""
+    """An arm that a hand can move: takes angles, returns its true tip."""
 
     @property
     def n_joints(self) -> int: ...
@@ -29,26 +29,28 @@ class Movable(Protocol):
         ...
 
     def encoder_angles(self, phi: F64, conditions: Conditions) -> F64:
-        """What ideal encoders show (n, N) rad for angles *phi* (n, N) rad."""
+        """Return the angles (n, N) rad of ideal encoders for true angles *phi* (n, N) rad."""
         ...
 
     def tip(self, phi: F64, conditions: Conditions) -> F64:
-        """The true tip (n, 3) mm, base frame."""
+        """Return the true tip (n, 3) mm, base frame."""
         ...
 
     def posture(self, phi: F64, conditions: Conditions) -> Posture:
-        """Frames that the tip moves with, to a thousandth."""
+        """Return the frames with which the tip moves, accurate to a thousandth."""
         ...
 
     def as_rigid(self) -> Movable:
-        """One that is quick to ask and reaches about the same places."""
+        """Return a faster arm that reaches about the same places."""
         ...
 
 
 @dataclass(frozen=True)
 class Materials:
-    """Linear expansion of each link's two lengths and of the stylus, 1/K, and of the first two
-    its change with temperature, 1/K²."""
+    """Linear expansion of each link's two lengths and of the stylus, 1/K.
+
+    `growth` is its change with temperature for the links, 1/K².
+    """
 
     along_d: F64  # (N,)
     along_a: F64  # (N,)
@@ -57,10 +59,10 @@ class Materials:
 
     @classmethod
     def for_demo_arm(cls, joints: int = 6) -> Materials:
-        """Aluminium housings (23 ppm/K) and carbon tubes (about 0.5 ppm/K) between them.
+        """Make aluminium housings (23 ppm/K) and carbon tubes (about 0.5 ppm/K) between them.
 
-        A link's figure is the mean over its sections: the upper arm is 130 mm of housing and
-        390 mm of tube, the forearm 130 mm and 330 mm. The stylus is steel and carbide.
+        A link's value is the mean over its sections: the upper arm is 130 mm of housing and 390 mm
+        of tube, the forearm 130 mm and 330 mm. The stylus is steel and carbide.
         """
         aluminium, carbon = 23e-6, 0.5e-6
         upper_arm = (130 * aluminium + 390 * carbon) / 520
@@ -75,7 +77,7 @@ class Materials:
 
     @classmethod
     def without_expansion(cls) -> Materials:
-        """What no temperature changes."""
+        """Make materials without thermal expansion."""
         return cls(np.zeros(6), np.zeros(6), 0.0, np.zeros(6))
 
 
@@ -92,7 +94,7 @@ class TrueArm:
 
     @classmethod
     def default(cls, seed: int = 1, deviation: float = 1.0, joints: int = 6) -> TrueArm:
-        """The demo arm "SIM-0001" of this *seed*: off its drawing by about 0.3 mm and 0.05°.
+        """Make the demo arm "SIM-0001" of this *seed*: off its drawing by about 0.3 mm and 0.05°.
 
         *deviation* scales that; 0 is an arm made exactly to its drawing. *joints*: 3 to 9.
         """
@@ -120,19 +122,22 @@ class TrueArm:
         return not self.effects
 
     def as_rigid(self) -> TrueArm:
-        """The same arm without its imperfections."""
+        """Return this arm without its imperfections."""
         return self.with_effects()
 
     def with_effects(self, *effects: Effect) -> TrueArm:
-        """The same arm with these imperfections and no others."""
+        """Return this arm with these imperfections and no others."""
         return replace(self, effects=effects)
 
     def with_payload(self, payload_kg: float) -> TrueArm:
-        """The same arm with a weight hung at its tip."""
+        """Return this arm with a weight at its tip."""
         return replace(self, masses=replace(self.masses, payload_kg=payload_kg))
 
     def encoder_angles(self, phi: F64, conditions: Conditions) -> F64:
-        """What encoders of ideal resolution show (n, N), rad, for true axis angles phi (n, N)."""
+        """Return the angles (n, N) rad of encoders of ideal resolution.
+
+        *phi* (n, N) are the true axis angles.
+        """
         angles = phi.copy()
         for joint in range(1, self.n_joints + 1):
             for effect in self.effects:
@@ -142,7 +147,7 @@ class TrueArm:
         return angles
 
     def tip(self, phi: F64, conditions: Conditions) -> F64:
-        """True centre of the tip (n, 3), mm in the base frame, for true axis angles phi (n, N)."""
+        """Return the true tip (n, 3), mm in the base frame, for true axis angles *phi* (n, N)."""
         rigid = self.posture(phi, conditions)
         if not self.effects:
             return rigid.tip
@@ -167,7 +172,7 @@ class TrueArm:
         return position
 
     def posture(self, phi: F64, conditions: Conditions) -> Posture:
-        """Frames of the arm with all effects but its links' expansion taken away."""
+        """Return the frames of the arm without any effect except its links' expansion."""
         position, rotation = _start(len(phi))
         origins, rotations, turning = [position], [rotation], []
         for joint in range(1, self.n_joints + 1):
@@ -183,7 +188,7 @@ class TrueArm:
         )
 
     def _link_vector(self, link: int, conditions: Conditions) -> F64:
-        """From the joint to the end of its link (n, 3), mm, in the frame that turns with it."""
+        """Return the vector (n, 3) mm from joint to link end, in the frame that turns with it."""
         delta = conditions.link_c[:, link - 1] - self.reference_c
         extra = self.materials.growth[link - 1] * delta**2
         for effect in self.effects:
@@ -209,13 +214,13 @@ def _start(n: int) -> tuple[F64, F64]:
 
 
 def _apply(rotation: F64, vector: F64) -> F64:
-    """rotation (n, 3, 3) times vector (n, 3)."""
+    """Multiply rotation (n, 3, 3) by vector (n, 3)."""
     turned: F64 = (rotation @ vector[:, :, None])[:, :, 0]
     return turned
 
 
 def _move(position: F64, rotation: F64, motion: SmallMotion | None) -> tuple[F64, F64]:
-    """Shift by, then turn about, the motion's vectors in the frame reached so far."""
+    """Shift by, then turn about, the motion's vectors in the present frame."""
     if motion is None:
         return position, rotation
     return position + _apply(rotation, motion.shift_mm), rotation @ rotate_about(motion.turn_rad)

@@ -1,6 +1,6 @@
-"""How something that drifts goes with time: from nothing at its beginning to about one.
+"""Courses of drifts in time: from zero at the beginning to about one.
 
-Each is a law of its own: what takes up water, relaxes, follows the day, or wanders.
+Each follows its own law: swelling by water, relaxation, a daily wave, a random walk.
 """
 
 from __future__ import annotations
@@ -11,27 +11,30 @@ import numpy as np
 
 from armd.arrays import F64
 
-#: (n,) seconds since the arm was mounted → (n,) how far it has come.
+#: (n,) seconds since the arm was mounted → (n,) share of the drift.
 CourseInTime = Callable[[F64], F64]
 
 DAY_S = 86400.0
-#: Diffusion into a wall: terms of the series, enough for a ten thousandth of the diffusion time.
+#: Diffusion into a wall: number of terms, enough for a ten thousandth of the diffusion time.
 DIFFUSION_TERMS = 200
 
 
 def make_creeping(since_s: float, until_s: float) -> CourseInTime:
-    """At one rate, to 1 at *until_s*."""
+    """Make a course at a constant rate, to 1 at *until_s*."""
     return lambda time_s: (time_s - since_s) / (until_s - since_s)
 
 
 def make_relaxing(since_s: float, time_constant_s: float) -> CourseInTime:
-    """A stress that relaxes, a screw that settles: Maxwell's body."""
+    """Make the course of a relaxing stress, or a settling screw: Maxwell's body."""
     return lambda time_s: 1.0 - np.exp(-np.maximum(time_s - since_s, 0.0) / time_constant_s)
 
 
 def make_swelling(since_s: float, diffusion_s: float) -> CourseInTime:
-    """A wall takes up water from both sides: the mean content by Fick's law (Crank, plane sheet),
-    as the square root of time at first; *diffusion_s* is thickness² / (π² D)."""
+    """Make the course of a wall that takes up water from both sides.
+
+    It is the mean content by Fick's law (Crank, plane sheet), at first as the square root of time;
+    *diffusion_s* is thickness² / (π² D).
+    """
 
     def water_content(time_s: F64) -> F64:
         passed = np.maximum(time_s - since_s, 0.0)[:, None] / diffusion_s
@@ -45,7 +48,7 @@ def make_swelling(since_s: float, diffusion_s: float) -> CourseInTime:
 
 
 def make_daily(noon_s: float, sharpness: float = 0.3) -> CourseInTime:
-    """The sun on a wall, day after day: a wave with a second harmonic, as days have."""
+    """Make the daily course of the sun on a wall: a wave with a second harmonic."""
 
     def sun_wave(time_s: F64) -> F64:
         turn = 2.0 * np.pi * (time_s - noon_s) / DAY_S
@@ -56,7 +59,7 @@ def make_daily(noon_s: float, sharpness: float = 0.3) -> CourseInTime:
 
 
 def draw_wandering(rng: np.random.Generator, since_s: float, until_s: float) -> CourseInTime:
-    """Brownian motion, of standard deviation 1 at *until_s*."""
+    """Draw Brownian motion, of standard deviation 1 at *until_s*."""
     knots = np.linspace(since_s, until_s, 2001)
     path = np.concatenate([[0.0], np.cumsum(rng.normal(0.0, 1.0, 2000))]) / np.sqrt(2000.0)
     return lambda time_s: np.interp(time_s, knots, path)

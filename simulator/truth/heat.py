@@ -1,8 +1,8 @@
-"""The arm's temperature field: heat flowing between links, into the air, from the electronics.
+"""The arm's temperature field: heat that flows between links, into the air, from the electronics.
 
-Each link is one thermal mass; its ends conduct to its neighbours and its skin gives heat to the
-air. A sensor sits in each link and follows it with a lag of its own. The equations are linear, so
-a step of any length is solved exactly.
+Each link is one thermal mass; its ends conduct to its neighbours and its skin loses heat to the
+air. A sensor in each link follows it with its own lag. The equations are linear, so a step of any
+length is solved exactly.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ SENSOR_LAG_S = np.array([25.0, 20.0, 20.0, 20.0, 15.0, 15.0])
 
 
 class HeatField:
-    """Temperatures of the links and their sensors, one each, moved on by `step`.
+    """Temperatures of the links and their sensors, one each, advanced by `step`.
 
-    *core_lag_s* (N,): the time constant with which the body of a link, whose temperature sets its
-    length, follows its shell, where the sensor sits. 0: the link is one body.
+    *core_lag_s* (N,): the time constant of the body of a link behind its shell. The body's
+    temperature sets the link's length; the sensor is in the shell. 0: the link is one body.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class HeatField:
             flow[k + 1, k + 1] -= conduction
             flow[k, k + 1] += conduction
             flow[k + 1, k] += conduction
-        # Shells, then sensors, then cores; a link of one body has an idle core that nobody reads.
+        # Shells, then sensors, then cores; a link of one body has an unused core.
         follow = np.concatenate([SENSOR_LAG_S[which], np.where(lag > 0, lag, 1.0)])
         matrix = np.zeros((3 * n, 3 * n))
         matrix[:n, :n] = flow / CAPACITY[which, None]
@@ -49,8 +49,8 @@ class HeatField:
         matrix[n:, n:] = np.diag(-1 / follow)
         self._flow = flow
         self._layered = lag > 0
-        # dT/dt = M·(T − steady): decays by the modes of M, which are real, as conduction is
-        # symmetric and the followers act back on nothing.
+        # dT/dt = M·(T − steady): decays by the modes of M. They are real, because conduction is
+        # symmetric and sensors and cores have no effect on shells.
         decay, modes = np.linalg.eig(matrix)
         self._decay: F64 = np.real(decay).astype(np.float64)
         self._modes: F64 = np.real(modes).astype(np.float64)
@@ -58,30 +58,30 @@ class HeatField:
         self._state.reshape(3, n)[:] = start_c
 
     def step(self, dt_s: float, ambient_c: float, self_heating_w: float | F64) -> None:
-        """Move on by *dt_s* with constant air temperature and power (N,) or one for all, W."""
+        """Advance by *dt_s* with constant air temperature and power (N,) or one for all, W."""
         steady = np.tile(self.steady_c(ambient_c, self_heating_w), 3)
         away = np.linalg.solve(self._modes, self._state - steady)
         self._state = steady + self._modes @ (np.exp(self._decay * dt_s) * away)
 
     def steady_c(self, ambient_c: float, self_heating_w: float | F64) -> F64:
-        """Link temperatures (N,) that would last under these conditions, °C."""
+        """Return the final link temperatures (N,) under these conditions, °C."""
         power = np.broadcast_to(np.asarray(self_heating_w, float), self._to_air.shape)
         source = power + self._to_air * ambient_c
         return np.linalg.solve(self._flow, -source).astype(np.float64)
 
     def settle(self, ambient_c: float, self_heating_w: float | F64) -> None:
-        """Bring links and sensors to where they would end up."""
+        """Set links and sensors to their final temperatures."""
         self._state = np.tile(self.steady_c(ambient_c, self_heating_w), 3)
 
     @property
     def link_c(self) -> F64:
-        """True mean temperatures of the links (N,), °C."""
+        """The true mean temperatures of the links (N,), °C."""
         shell, _, core = self._state.reshape(3, -1)
         body: F64 = np.where(self._layered, core, shell)
         return body
 
     @property
     def sensor_c(self) -> F64:
-        """What the sensors feel (S,), °C, before their noise and quantisation."""
+        """The temperatures of the sensors (S,), °C, before noise and quantisation."""
         _, sensor, _ = self._state.reshape(3, -1)
         return np.array(sensor, dtype=np.float64)

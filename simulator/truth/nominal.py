@@ -1,9 +1,9 @@
-"""The demo arm as its drawing has it: a portable measuring arm of six joints, 1.1 m of reach.
+"""The nominal demo arm: a portable measuring arm of six joints, 1.1 m of reach.
 
-Vertical column, shoulder and elbow hinges with parallel axes (so that Hayati's β is wanted at the
+Vertical column, shoulder and elbow hinges with parallel axes (so that Hayati's β is needed at the
 shoulder), then a wrist of roll, pitch and roll. Carbon tubes between aluminium joint housings.
 
-Arms of 3 to 9 joints are put together from the same parts.
+Arms of 3 to 9 joints have the same parts.
 """
 
 from __future__ import annotations
@@ -51,8 +51,11 @@ SELF_HEATING_W = np.array([1.2, 0.9, 0.8, 0.6, 0.5, 0.6])
 
 
 def list_parts(joints: int) -> list[int]:
-    """Which of `JOINTS` an arm of 3 to 9 joints has, base to wrist: column, shoulder and elbow,
-    then forearms of a roll and a pitch each, and a last roll where one joint is left."""
+    """List the `JOINTS` of an arm of 3 to 9 joints, base to wrist.
+
+    Column, shoulder and elbow, then forearms of a roll and a pitch each, and a last roll if one
+    joint remains.
+    """
     return [0, 1, 2] + [3, 4] * ((joints - 3) // 2) + [5] * ((joints - 3) % 2)
 
 
@@ -61,12 +64,12 @@ def list_nominal_joints(joints: int = len(JOINTS)) -> list[NominalJoint]:
 
 
 def list_sensor_names(joints: int = len(JOINTS)) -> list[str]:
-    """One sensor in each link, in the order of the wire's channels."""
+    """List one sensor in each link, in the order of the wire's channels."""
     return [f"t{k}" for k in range(1, joints + 1)]
 
 
 def get_limits_rad(joints: int = len(JOINTS)) -> tuple[F64, F64]:
-    """Lower and upper end stops (N,), rad."""
+    """Return lower and upper end stops (N,), rad."""
     low = np.radians([joint.min_deg for joint in list_nominal_joints(joints)])
     return low, np.radians([joint.max_deg for joint in list_nominal_joints(joints)])
 
@@ -77,10 +80,10 @@ def make_arm_toml(
     tip: F64 | None = None,
     joints: int = len(JOINTS),
 ) -> str:
-    """The text of the `arm.toml` of an arm of so many *joints*.
+    """Make the text of the `arm.toml` of an arm of so many *joints*.
 
-    *rows* (N, 5: θ0, d, a, α, β in rad and mm) and *tip* (3,) replace the drawing's figures where
-    an arm comes with those of an earlier measurement.
+    *rows* (N, 5: θ0, d, a, α, β in rad and mm) and *tip* (3,) replace the nominal values, for an
+    arm with those of an earlier measurement.
     """
     if rows is None:
         rows = list_nominal_rows(joints)
@@ -120,7 +123,7 @@ def make_arm_toml(
 
 
 def list_nominal_rows(joints: int = len(JOINTS)) -> F64:
-    """The drawing's joint rows (N, 5): θ0, d, a, α, β in rad and mm."""
+    """Return the nominal joint rows (N, 5): θ0, d, a, α, β in rad and mm."""
     return np.array(
         [
             (math.radians(j.theta_deg), j.d_mm, j.a_mm, math.radians(j.alpha_deg), 0.0)

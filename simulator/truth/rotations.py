@@ -1,4 +1,4 @@
-"""Rotations of many rows at once, exact at any size."""
+"""Rotations of many rows at once, exact for any angle."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ARC_SECOND = np.pi / 180 / 3600  # rad
 
 
 def rotate_about(vector: F64) -> F64:
-    """Rotation matrices (…, 3, 3) for rotation vectors (…, 3) in rad (Rodrigues)."""
+    """Return rotation matrices (…, 3, 3) for rotation vectors (…, 3) in rad (Rodrigues)."""
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     x, y, z = np.moveaxis(vector, -1, 0)
     o = np.zeros_like(x)
@@ -25,7 +25,10 @@ def rotate_about(vector: F64) -> F64:
 
 
 def rotate_about_z(rotation: F64, angle: F64) -> F64:
-    """rotation (n, 3, 3) · Rz(angle (n,)): two columns change, which is cheaper than a product."""
+    """Return rotation (n, 3, 3) · Rz(angle (n,)).
+
+    Only two columns change, which is cheaper than a product.
+    """
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
     turned = np.empty_like(rotation)
     turned[:, :, 0] = c * rotation[:, :, 0] + s * rotation[:, :, 1]
@@ -35,14 +38,14 @@ def rotate_about_z(rotation: F64, angle: F64) -> F64:
 
 
 def make_tilt(alpha: float, beta: float) -> F64:
-    """Rx(alpha)·Ry(beta), (3, 3)."""
+    """Return Rx(alpha)·Ry(beta), (3, 3)."""
     c, s = math.cos(alpha), math.sin(alpha)
     cb, sb = math.cos(beta), math.sin(beta)
     return np.array([[cb, 0.0, sb], [s * sb, c, -s * cb], [-c * sb, s, c * cb]])
 
 
 def draw_directions(rng: np.random.Generator, n: int) -> F64:
-    """Directions (n, 3) uniform on the sphere."""
+    """Draw directions (n, 3) uniformly on the sphere."""
     vectors = rng.normal(size=(n, 3))
     unit: F64 = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     return unit

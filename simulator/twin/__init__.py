@@ -1,1 +1,1 @@
-"""The twin: a simulated arm that errs as a calibration of a measured arm says, terms included."""
+"""The twin: a simulated arm with the errors of a measured arm's calibration, terms included."""

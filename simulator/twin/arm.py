@@ -1,4 +1,4 @@
-"""The twin in a hand: an arm in time, whose sensors feel the room and whose joints have turned."""
+"""The twin in time: its sensors follow the room, and its joints have a direction of motion."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from armd.simulator.twin.files import ArmData
 from armd.simulator.twin.model import FirstOrderLag, TwinModel
 from armd.simulator.twin.noise import KNOT_S, FoundNoise
 
-#: Carries a joint's side of approach while it rests.
+#: A tiny rate that keeps a joint's side of approach while it rests.
 NO_RATE_RAD_S = 1e-12
 
 
 class LiveMeans:
-    """Mean temperatures of the sensors now; lags are followed from call to call."""
+    """Present mean temperatures of the sensors; lags are followed from call to call."""
 
     def __init__(self, sensors: tuple[str, ...]) -> None:
         self._sensors = sensors
@@ -34,7 +34,7 @@ class LiveMeans:
         self._celsius: F64 = np.zeros(len(sensors))
 
     def feel(self, unix_s: float, celsius: F64) -> None:
-        """From now on the sensors feel *celsius* (S,)."""
+        """Set the temperatures of the sensors (S,) from now on."""
         self._unix_s, self._celsius = unix_s, celsius
 
     def mean_c(self, weights: Mapping[str, float], lag_s: float) -> F64:
@@ -46,7 +46,7 @@ class LiveMeans:
 
 
 class BaseDrift:
-    """A base that wanders: a random walk from knot to knot, without end; ask in order of time."""
+    """A drifting base: an endless random walk from knot to knot; ask in order of time."""
 
     def __init__(self, step_mm: float, seed: int) -> None:
         self._step_mm = step_mm
@@ -54,7 +54,7 @@ class BaseDrift:
         self._knots = np.zeros((1, 3))
 
     def shift_mm_at(self, time_s: F64) -> F64:
-        """(n, 3) mm at times (n,) s."""
+        """Return the shift (n, 3) mm at times (n,) s."""
         if not self._step_mm:
             return np.zeros((len(time_s), 3))
         while KNOT_S * (len(self._knots) - 1) < time_s.max(initial=0.0):
@@ -65,10 +65,10 @@ class BaseDrift:
 
 
 class TwinArm:
-    """The twin as `truth.arm.Movable`: its angles are what the encoders show.
+    """The twin as `truth.arm.Movable`: its angles are those of the encoders.
 
-    Between two calls of `feel` temperatures and time stand still. A hand that plans a posture is
-    answered with the sides from which the joints last came.
+    Temperatures and time are constant between two calls of `feel`. `tip`, by which a hand plans a
+    posture, uses the sides from which the joints last came.
     """
 
     def __init__(self, model: TwinModel, noise: FoundNoise, seed: int) -> None:
@@ -76,7 +76,7 @@ class TwinArm:
         self._noise, self._seed = noise, seed
         self._means = LiveMeans(model.arm.sensors)
         self._drift = BaseDrift(noise.drift_mm, seed)
-        self._rate = np.zeros(self.n_joints)  # of the last motion
+        self._rate = np.zeros(self.n_joints)  # rates of the last motion
         self._approach = np.full(3, np.nan)
         self.feel(time.time(), np.full(len(model.arm.sensors), model.calibration.reference_c))
         self._means = LiveMeans(model.arm.sensors)  # lags settle at the first temperatures
@@ -90,12 +90,12 @@ class TwinArm:
         return not self.model.calibration.terms and not self._noise.drift_mm
 
     def as_rigid(self) -> TwinArm:
-        """The same arm without terms."""
+        """Return this arm without terms."""
         bare = TwinModel(self.model.arm, replace(self.model.calibration, terms=()))
         return TwinArm(bare, FoundNoise(), self._seed)
 
     def feel(self, unix_s: float, celsius: F64) -> None:
-        """From now on it is this instant, and the sensors feel *celsius* (S,)."""
+        """Set the present instant, and the temperatures of the sensors (S,)."""
         self._means.feel(unix_s, celsius)
         calibration = self.model.calibration
         self._amounts = self.model.slow_amounts(
@@ -123,8 +123,11 @@ class TwinArm:
         return Posture(phi, frames.origin, frames.rotation, turning, frames.tip, masses)
 
     def move(self, phi: F64, rate: F64, time_s: F64) -> F64:
-        """The true tip (n, 3) mm as the joints go through *phi* (n, N) rad, in order of time: what
-        rests keeps the side that it came from, and the tip its direction of travel."""
+        """Return the true tip (n, 3) mm as the joints go through *phi* (n, N) rad, in order of
+        time.
+
+        A resting joint keeps the side from which it came, a resting tip its direction of travel.
+        """
         sided, approach = np.empty_like(rate), np.empty((len(rate), 3))
         moving = self.model.direction_of_motion(phi, rate)
         for i in range(len(rate)):
@@ -141,7 +144,7 @@ class TwinArm:
 
 
 class TwinHeat(Heat):
-    """The heat of the demo arm's links, felt by the twin's sensors."""
+    """The heat of the demo arm's links, as the twin's sensors measure it."""
 
     def __init__(self, twin: TwinArm, ambient_c: float, warm_up: WarmUp | None) -> None:
         super().__init__(ambient_c, warm_up, twin.n_joints)
@@ -149,7 +152,7 @@ class TwinHeat(Heat):
         self._began_unix_s = time.time()
 
     def advance_to(self, time_s: float) -> tuple[F64, F64]:
-        """What the sensors of links (N,) feel, and those of arm.toml (S,)."""
+        """Return the temperatures of the links' sensors (N,), and those of arm.toml (S,)."""
         _, by_link = super().advance_to(time_s)
         sensor_c = by_link[list(self._twin.model.arm.joint_of_sensor)]
         self._twin.feel(self._began_unix_s + time_s, sensor_c)
@@ -159,20 +162,23 @@ class TwinHeat(Heat):
 def generate_twin_blocks(
     twin: TwinArm, hand: Hand, rate_hz: int, heat: TwinHeat
 ) -> Iterator[Block]:
-    """The twin's life from time 0 on, as `physics.blocks`."""
+    """Generate the twin's course from time 0 on, as `physics.generate_blocks` does."""
     life = generate_steps(hand, heat, rate_hz)
     return group_in_blocks((step, twin.move(step.phi, step.rate, step.time_s)) for step in life)
 
 
 def find_comfort(arm: ArmData) -> Comfort:
-    """Postures about the middle of each joint's range, half a turn either way without limits."""
+    """Return postures about the middle of each joint's range, of ±half a turn without limits."""
     low = np.where(np.isinf(arm.limits_rad[0]), -np.pi, arm.limits_rad[0])
     high = np.where(np.isinf(arm.limits_rad[1]), np.pi, arm.limits_rad[1])
     return Comfort((low + high) / 2, np.minimum((high - low) / 5, np.pi / 4), low, high)
 
 
 def make_parts(arm: ArmData, noise: FoundNoise, wire: str) -> ArmParts:
-    """Its encoders on a *wire*, "serial" or "can"; raises `BadInput` for what that cannot carry."""
+    """Make its encoders for a *wire*, "serial" or "can".
+
+    Raises `BadInput` for counts that the wire cannot carry.
+    """
     turns = []
     for k, turn in enumerate(arm.counts_per_turn, 1):
         location = f"joint[{k}].counts_per_turn"

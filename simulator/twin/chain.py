@@ -1,7 +1,7 @@
-"""The chain of joints and its weights, as docs/reference/formats.md defines them: numpy's matrices.
+"""The chain of joints and its weights, as docs/reference/formats.md defines them, in numpy.
 
-A joint is A = Rz(q + θ)·Tz(d)·Tx(a)·Rx(α)·Ry(β); before joint 1 stands the displaced base,
-Trans(x, y, z)·Rz·Ry·Rx. Lengths in mm, angles in rad, mass in kg.
+A joint is A = Rz(q + θ)·Tz(d)·Tx(a)·Rx(α)·Ry(β); before joint 1 is the displaced base, Trans(x, y,
+z)·Rz·Ry·Rx. Lengths in mm, angles in rad, mass in kg.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ DEFAULT_KG_PER_M = 1.0
 
 @dataclass(frozen=True)
 class Parameters:
-    """What poses n rows, or one row for all (n = 1)."""
+    """The parameters of n rows, or one row for all (n = 1)."""
 
     rows: F64  # (n, N, 5) θ0, d, a, α, β
     tip_mm: F64  # (n, 3)
@@ -28,7 +28,7 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Frames:
-    """Where the arm stands: frame 0 is the displaced base, frame k the outgoing one of joint k."""
+    """The frames of the arm: frame 0 is the displaced base, frame k the outgoing one of joint k."""
 
     origin: F64  # (N+1, n, 3) mm, base frame
     rotation: F64  # (N+1, n, 3, 3)
@@ -36,21 +36,24 @@ class Frames:
 
     @property
     def jacobian(self) -> F64:
-        """(n, 3, N) mm/rad: how the tip moves with each joint's angle, axis × lever."""
+        """The derivatives (n, 3, N) mm/rad of the tip by each joint's angle, axis × lever."""
         levers = self.tip - self.origin[:-1]
         return np.moveaxis(np.cross(self.rotation[:-1, :, :, 2], levers), 0, 2)
 
 
 @dataclass(frozen=True)
 class LinkWeights:
-    """What the links weigh, where, and which way is down."""
+    """The weights of the links, their centres, and the direction of gravity."""
 
     kg: F64  # (N,)
     centre_mm: F64  # (N, 3) in each link's outgoing frame
     down: F64  # (3,) unit vector, base frame
 
     def moment(self, frames: Frames, about: F64, first: int) -> F64:
-        """(n, 3) Nm of gravity, base frame, of links *first* … N (from 1) about points (n, 3)."""
+        """Return the moment (n, 3) Nm of gravity, base frame, about points (n, 3).
+
+        It is that of links *first* … N (from 1).
+        """
         moment = np.zeros_like(about)
         for link in range(first, len(self.kg) + 1):
             centre = frames.origin[link] + frames.rotation[link] @ self.centre_mm[link - 1]
@@ -60,7 +63,7 @@ class LinkWeights:
 
 
 def make_rotation(axis: int, angle: F64) -> F64:
-    """Rotations (…, 3, 3) by *angle* (…) about x, y or z (0, 1, 2)."""
+    """Make rotations (…, 3, 3) by *angle* (…) about x, y or z (0, 1, 2)."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     rotation = np.zeros((*np.shape(angle), 3, 3))
     rotation[..., axis, axis] = 1.0
@@ -71,7 +74,7 @@ def make_rotation(axis: int, angle: F64) -> F64:
 
 
 def compute_frames(q: F64, parameters: Parameters) -> Frames:
-    """The arm at angles *q* (n, N) rad."""
+    """Compute the frames of the arm at angles *q* (n, N) rad."""
     n, joints = q.shape
     base = parameters.base
     rotation = (
@@ -92,8 +95,11 @@ def compute_frames(q: F64, parameters: Parameters) -> Frames:
 
 
 def estimate_weight(row: F64, end_mm: F64) -> tuple[float, F64]:
-    """A link of which arm.toml gives neither: 1 kg per metre, its centre in the middle of the
-    stretch from its joint to *end_mm* (3,) in its outgoing frame; *row* (5,) as drawn."""
+    """Estimate mass and centre of a link if arm.toml has neither.
+
+    It has 1 kg per metre, and its centre is midway from its joint to *end_mm* (3,), in its outgoing
+    frame; *row* (5,) is nominal.
+    """
     _, d, a, alpha, beta = (float(x) for x in row)
     start_mm = -(make_rotation(0, np.array(alpha)) @ make_rotation(1, np.array(beta))).T @ [
         a,

@@ -1,4 +1,4 @@
-"""The factors of a term's basis, each by its kind as docs/reference/formats.md defines it."""
+"""The factors of a term's basis, by kind, as docs/reference/formats.md defines them."""
 
 from __future__ import annotations
 
@@ -13,43 +13,43 @@ import numpy as np
 from armd.arrays import F64
 from armd.simulator.twin.chain import Frames, LinkWeights
 
-#: One factor, as the calibration file has it.
+#: One factor, as in the calibration file.
 FactorData = Mapping[str, Any]
 DAY_S = 86400.0
 AXES = "xyz"
 
 
 class Means(Protocol):
-    """Gives the mean temperatures of sensors, which may lag."""
+    """Provides the mean temperatures of sensors, which may lag."""
 
     def mean_c(self, weights: Mapping[str, float], lag_s: float) -> F64:
-        """Σ weight·T (n,) °C, delayed by a first-order lag."""
+        """Return Σ weight·T (n,) °C, delayed by a first-order lag."""
         ...
 
 
 @dataclass(frozen=True)
 class Slow:
-    """What factors of temperature and time are functions of."""
+    """The arguments of factors of temperature and time."""
 
     means: Means
     unix_s: F64  # (n,)
     reference_c: float
-    created_unix_s: float  # of the calibration: where a period has no end
+    created_unix_s: float  # of the calibration: the end of a period without one
 
 
 @dataclass(frozen=True)
 class PoseState:
-    """What factors of the pose are functions of."""
+    """The arguments of factors of the pose."""
 
     q: F64  # (n, N) rad
     rate: F64  # (n, N) rad/s, 0 where missing
     approach: F64  # (n, 3) unit vector, base frame, 0 where missing
-    frames: Frames  # by the calibration's constants alone
+    frames: Frames  # from the calibration's constants only
     weights: LinkWeights
 
     @cached_property
     def torque(self) -> F64:
-        """(N, n) Nm about each joint's axis, of all that it carries."""
+        """The torque (N, n) Nm about each joint's axis, of everything after it."""
         axes = self.frames.rotation[:-1, :, :, 2]
         moments = [
             self.weights.moment(self.frames, self.frames.origin[k], k + 1) for k in range(len(axes))
@@ -59,7 +59,7 @@ class PoseState:
 
     @cached_property
     def moment(self) -> F64:
-        """(N, n, 3) Nm of all beyond each link, about its end, in its outgoing frame."""
+        """The moment (N, n, 3) Nm of all beyond each link, about its end, in its outgoing frame."""
         ends, rotations = self.frames.origin[1:], self.frames.rotation[1:]
         moments = [self.weights.moment(self.frames, end, k + 2) for k, end in enumerate(ends)]
         moment: F64 = np.einsum("kni,knij->knj", np.array(moments), rotations)
@@ -67,7 +67,7 @@ class PoseState:
 
     @cached_property
     def down(self) -> F64:
-        """(N, n, 3) the unit vector of gravity in each link's outgoing frame."""
+        """The unit vector of gravity (N, n, 3) in each link's outgoing frame."""
         down: F64 = np.einsum("i,knij->knj", self.weights.down, self.frames.rotation[1:])
         return down
 
@@ -92,7 +92,7 @@ def _temperature_rate(factor: FactorData, slow: Slow) -> F64:
 
 
 def _since_s(factor: FactorData, slow: Slow) -> F64:
-    """Seconds since a period began; outside it as at the nearer end."""
+    """Return the seconds since a period began; outside it, the value of the nearer end."""
     since, until = factor["since_unix_s"], factor.get("until_unix_s")
     until = max(slow.created_unix_s, since) if until is None else until
     within: F64 = np.clip(slow.unix_s, since, until) - since
@@ -105,7 +105,7 @@ def _after(factor: FactorData, slow: Slow) -> F64:
 
 
 def _curve(factor: FactorData, pose: PoseState) -> F64:
-    from scipy.interpolate import CubicSpline  # an arm on a controller's wire may do without
+    from scipy.interpolate import CubicSpline  # loaded late: an arm on a wire may not need it
 
     values = np.asarray(factor["values"], dtype=float)
     knots = np.linspace(0.0, math.tau, len(values) + 1)

@@ -1,4 +1,4 @@
-"""arm.toml and calibration.json as the twin reads them, once `armd check` has passed."""
+"""Reads arm.toml and calibration.json for the twin, after `armd check` has passed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OF_THE_BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
 
 
 class CheckFailed(ArmdError):
-    """What `armd check` found wrong with the files, one sentence each."""
+    """The faults that `armd check` found in the files, one sentence each."""
 
     def __init__(self, faults: Sequence[str]) -> None:
         super().__init__(faults[0])
@@ -36,9 +36,9 @@ class CheckFailed(ArmdError):
 
 @dataclass(frozen=True)
 class FileTerm:
-    """parameter += coefficient · Π factors."""
+    """A term: parameter += coefficient · Π factors."""
 
-    place: int  # of its parameter in `list_parameter_names`
+    place: int  # index of its parameter in `list_parameter_names`
     coefficient: float
     slow: tuple[FactorData, ...]
     pose: tuple[FactorData, ...]
@@ -46,7 +46,7 @@ class FileTerm:
 
 @dataclass(frozen=True)
 class ArmData:
-    """What arm.toml says."""
+    """The content of arm.toml."""
 
     serial_number: str
     sensors: tuple[str, ...]
@@ -55,7 +55,7 @@ class ArmData:
     counts_per_turn: tuple[int | None, ...]  # (N,)
     direction: F64  # (N,) ±1
     limits_rad: tuple[F64, F64]  # (N,) each, ∓inf where there is none
-    #: (S,) the joint (from 0) that each sensor speaks for; the first of several, 0 for none
+    #: (S,) the joint (from 0) to which each sensor belongs; the first of several, 0 for none
     joint_of_sensor: tuple[int, ...]
 
     @property
@@ -65,30 +65,30 @@ class ArmData:
 
 @dataclass(frozen=True)
 class CalibrationData:
-    """What a calibration says."""
+    """The content of a calibration."""
 
     constants: F64  # (P,)
     terms: tuple[FileTerm, ...]
     reference_c: float
     created_unix_s: float
-    artefact: Mapping[str, Any] = field(default_factory=dict)  # found on the artefact
+    artefact: Mapping[str, Any] = field(default_factory=dict)  # estimates for the artefact
 
 
 def list_parameter_names(n_joints: int) -> list[str]:
-    """All parameters by name, joint by joint, then the tip's, then the base's."""
+    """List all parameters by name, joint by joint, then the tip's, then the base's."""
     joints = [f"{name}_{k}" for k in range(1, n_joints + 1) for name in OF_A_JOINT]
     return [*joints, *OF_THE_TIP, *OF_THE_BASE]
 
 
 def as_parameters(values: F64) -> Parameters:
-    """Values (P,) or (n, P) in the order of `list_parameter_names`."""
+    """Convert values (P,) or (n, P) in the order of `list_parameter_names`."""
     values = np.atleast_2d(values)
     rows = values[:, : -len(OF_THE_TIP) - len(OF_THE_BASE)].reshape(len(values), -1, 5)
     return Parameters(rows, values[:, -9:-6], values[:, -6:])
 
 
 def _check_files(*paths: Path) -> None:
-    """Raise `ArmdError` with what `armd check` says of wrong files; another process looks."""
+    """Raise `ArmdError` with the faults that `armd check` finds in another process."""
     command = [sys.executable, "-P", "-m", "armd", "check", "-q", *map(str, paths)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -99,8 +99,11 @@ def _check_files(*paths: Path) -> None:
 def read_twin(
     arm_path: Path, calibration_path: Path, *sessions: Path
 ) -> tuple[ArmData, CalibrationData]:
-    """Read both; raises `ArmdError` where one is wrong, the calibration is another arm's, or one
-    of *sessions* cannot be read."""
+    """Read arm and calibration.
+
+    Raises `ArmdError` where one is invalid, the calibration is another arm's, or one of *sessions*
+    cannot be read.
+    """
     _check_files(arm_path, calibration_path, *sessions)
     arm = to_arm_data(tomllib.loads(read_input(arm_path).decode("utf-8")))
     content = json.loads(read_input(calibration_path))
@@ -111,7 +114,7 @@ def read_twin(
 
 
 def to_arm_data(content: Mapping[str, Any]) -> ArmData:
-    """Return the arm of an arm.toml's *content*, which is right."""
+    """Return the arm of an arm.toml's *content*, which must be valid."""
     joints = content["joint"]
     sensors = tuple(sensor["name"] for sensor in content.get("temperature_sensor", []))
     tip_mm = np.array(content.get("tip", {}).get("offset_mm", (0.0, 0.0, 0.0)), dtype=float)
@@ -142,7 +145,7 @@ def to_arm_data(content: Mapping[str, Any]) -> ArmData:
 
 
 def _row(joint: Mapping[str, Any]) -> list[float]:
-    """θ0, d, a, α, β in mm and rad."""
+    """Return θ0, d, a, α, β in mm and rad."""
     names = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
     values = [float(joint.get(name, 0.0)) for name in names]
     return [
@@ -159,7 +162,7 @@ def _sensors_of(joint: Mapping[str, Any]) -> list[str]:
 
 
 def to_calibration_data(content: Mapping[str, Any], n_joints: int) -> CalibrationData:
-    """Return the calibration of a file's *content*, which is right."""
+    """Return the calibration of a file's *content*, which must be valid."""
     names = list_parameter_names(n_joints)
     created = datetime.datetime.fromisoformat(content["created"])
     created = created.replace(tzinfo=created.tzinfo or datetime.UTC)

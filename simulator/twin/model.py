@@ -1,7 +1,7 @@
-"""Where the twin's tip is: constants + Σ coefficient · basis, then the chain of joints.
+"""Computes the twin's tip: constants + Σ coefficient · basis, then the chain of joints.
 
-Written from docs/reference/formats.md alone and by other means than the compensation's: whole
-matrices, a spline of scipy. A test holds it against the kernel.
+Written only from docs/reference/formats.md, and by other means than the compensation's: whole
+matrices, a spline of scipy. A test compares it with the kernel.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from armd.simulator.twin.files import ArmData, CalibrationData, as_parameters
 
 
 class FirstOrderLag:
-    """A value delayed by τ·dy/dt = x − y, exact for one that runs straight between its instants.
+    """A value delayed by τ·dy/dt = x − y, exact if it is linear between its instants.
 
     It starts settled. A missing value (NaN) gives NaN and is bridged by a straight line.
     """
@@ -29,7 +29,7 @@ class FirstOrderLag:
         self._last: tuple[float, float, float] | None = None  # time, value, delayed value
 
     def delay(self, time_s: float, value: float) -> float:
-        """The delayed value at *time_s*; ask in order of time."""
+        """Return the delayed value at *time_s*; ask in order of time."""
         if math.isnan(value) or math.isnan(time_s):
             return math.nan
         delayed = value
@@ -37,7 +37,7 @@ class FirstOrderLag:
             before_s, before, delayed = self._last
             step_s = time_s - before_s
             if step_s > 0:
-                # A ramp of slope r is followed r·τ late, once what was before has decayed.
+                # The lag behind a ramp of slope r is r·τ, after the initial state has decayed.
                 late = (value - before) / step_s * self._lag_s
                 start = delayed - (before - late)
                 delayed = value - late + start * math.exp(-step_s / self._lag_s)
@@ -54,7 +54,7 @@ class RowMeans:
     unix_s: F64
 
     def mean_c(self, weights: Mapping[str, float], lag_s: float) -> F64:
-        """As `factors.Means`; rows may stand in any order."""
+        """Return the means as `factors.Means` does; rows may be in any order."""
         mean = np.zeros(len(self.celsius))
         for name, weight in weights.items():
             if weight:
@@ -68,7 +68,7 @@ class RowMeans:
 
 
 class TwinModel:
-    """An arm and its calibration: angles in, the true tip out."""
+    """An arm and its calibration: takes angles, returns the true tip."""
 
     def __init__(self, arm: ArmData, calibration: CalibrationData) -> None:
         self.arm = arm
@@ -77,7 +77,7 @@ class TwinModel:
         self._drawn = as_parameters(arm.drawn)
 
     def slow_amounts(self, slow: Slow) -> F64:
-        """(n, T) coefficient × factors of temperature and time of each term."""
+        """Return (n, T) coefficient × factors of temperature and time of each term."""
         amounts = np.empty((len(slow.unix_s), len(self.calibration.terms)))
         for t, term in enumerate(self.calibration.terms):
             amounts[:, t] = term.coefficient
@@ -86,7 +86,7 @@ class TwinModel:
         return amounts
 
     def row_slow(self, celsius: F64, unix_s: F64) -> F64:
-        """`slow_amounts` of rows measured one after another: (n, S) °C at (n,) s."""
+        """Return `slow_amounts` of rows measured one after another: (n, S) °C at (n,) s."""
         means = RowMeans(self.arm.sensors, celsius, unix_s)
         calibration = self.calibration
         return self.slow_amounts(
@@ -94,8 +94,11 @@ class TwinModel:
         )
 
     def stand(self, q: F64, rate: F64, approach: F64, amounts: F64) -> Frames:
-        """The arm at angles *q* (n, N) rad; *rate* (n, N) rad/s and *approach* (n, 3) may be NaN;
-        *amounts* (n, T) as `slow_amounts`, or (T,) for all rows."""
+        """Return the frames of the arm at angles *q* (n, N) rad.
+
+        *rate* (n, N) rad/s and *approach* (n, 3) may be NaN; *amounts* (n, T) are those of
+        `slow_amounts`, or (T,) for all rows.
+        """
         rigid = compute_frames(q, self._constants)
         pose = PoseState(q, np.nan_to_num(rate), np.nan_to_num(approach), rigid, self.arm.weights)
         values = np.tile(self.calibration.constants, (len(q), 1))
@@ -107,7 +110,7 @@ class TwinModel:
         return compute_frames(q, as_parameters(values))
 
     def direction_of_motion(self, q: F64, rate: F64) -> F64:
-        """Unit vectors (n, 3) along which the drawn arm's tip moves; NaN at rest."""
+        """Return unit vectors (n, 3) of the nominal arm's tip motion; NaN at rest."""
         velocity = np.einsum("nij,nj->ni", compute_frames(q, self._drawn).jacobian, rate)
         speed = np.linalg.norm(velocity, axis=1, keepdims=True)
         unit: F64 = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 0)
@@ -115,7 +118,7 @@ class TwinModel:
 
 
 def count_whole_turns(q: F64, limits_rad: tuple[F64, F64]) -> I64:
-    """Whole turns (n, N) by which angles (n, N) stand outside the limits, where those decide it."""
+    """Count whole turns (n, N) by which angles (n, N) are outside the limits, where determined."""
     turns = np.zeros(q.shape, dtype=np.int64)
     for k, (low, high) in enumerate(zip(*limits_rad, strict=True)):
         if not math.isfinite(low) or not math.isfinite(high):

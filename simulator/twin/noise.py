@@ -1,4 +1,4 @@
-"""The noise that a diagnosis found, drawn anew: encoders, the repeat of a point, a slow drift."""
+"""Draws noise of a diagnosis's size: encoders, the repeat of a point, a slow drift."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.schema import load_json_data
 
-#: The drift is a random walk from knot to knot, so far apart and so many per session at most: as
-#: docs/developer/diagnosis-how.md has it.
+#: The drift is a random walk from knot to knot: distance of knots, and the most of a session, as in
+#: docs/developer/diagnosis-how.md.
 KNOT_S, MOST_KNOTS = 450.0, 8
 #: Readings closer than this in every joint, in sequence at one target, are one rest.
 REST_RAD = 1e-4
@@ -32,9 +32,9 @@ class FoundNoise:
 
 
 def read_noise(path: Path) -> FoundNoise:
-    """The noise in what `armd diagnose --json` wrote; raises `BadInput`.
+    """Read the noise from the output of `armd diagnose --json`; raises `BadInput`.
 
-    Of a file without its parts (before armd 0.2), all of `noise_floor_um` is the repeat's.
+    For a file without its parts (before armd 0.2), all of `noise_floor_um` is the repeat's.
     """
     content = load_json_data(path, read_input(path))
     schema = content.get("schema") if isinstance(content, dict) else None
@@ -56,8 +56,10 @@ def _number(path: Path, table: Any, location: str, key: str) -> float:
 
 
 def number_rests(q: F64, *labels: I64) -> I64:
-    """(n,) number of the rest of each row: angles (n, N) rad that stay, at one placement and
-    target (*labels*, (n,) each)."""
+    """Number the rests: return the number (n,) of each row's rest.
+
+    In a rest, angles (n, N) rad stay, at one placement and target (*labels*, (n,) each).
+    """
     new = np.abs(np.diff(q, axis=0)).max(axis=1) > REST_RAD
     for label in labels:
         new |= np.diff(label) != 0
@@ -65,7 +67,7 @@ def number_rests(q: F64, *labels: I64) -> I64:
 
 
 def draw_drift(noise: FoundNoise, time_s: F64, rng: np.random.Generator) -> F64:
-    """Displacements (n, 3) mm of the base at times (n,) s; none where no time is known."""
+    """Draw displacements (n, 3) mm of the base at times (n,) s; none without known times."""
     span = float(np.ptp(time_s)) if len(time_s) else 0.0
     if not noise.drift_mm or not span > 0:
         return np.zeros((len(time_s), 3))

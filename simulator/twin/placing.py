@@ -1,6 +1,6 @@
-"""Where a session's artefact stands: rigid poses and unknown points, fitted to the twin's tips.
+"""Places a session's artefact: rigid poses and unknown points, fitted to the twin's tips.
 
-How closely hardly matters: the twin's readings are made to lie there exactly.
+The accuracy hardly matters, because the twin's readings are then made to fit exactly.
 """
 
 from __future__ import annotations
@@ -13,21 +13,24 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 
 SWEEPS = 60
-#: Newton steps in which unknown points come to their certified lengths.
+#: Newton steps that bring unknown points to their certified lengths.
 STEPS = 20
 
 
 @dataclass(frozen=True)
 class TouchedRows:
-    """What n rows say: the tip stood at `target` of `placement`, or at `truth_mm` there."""
+    """The targets of n rows: the tip was at `target` of `placement`, or at `truth_mm` there."""
 
     placement: I64  # (n,)
     target: I64  # (n,)
-    truth_mm: F64  # (n, 3) NaN where the target counts
+    truth_mm: F64  # (n, 3) NaN where `target` is used
     stretch: F64  # (n,) the artefact's size relative to its certificate
 
     def local_mm(self, target_mm: F64) -> F64:
-        """(n, 3) in the placement's frame, of targets (K, 3); NaN where not known."""
+        """Return the points (n, 3) in the placement's frame, of targets (K, 3).
+
+        NaN where not known.
+        """
         points = self.stretch[:, None] * target_mm[self.target]
         return np.where(np.isfinite(self.truth_mm[:, :1]), self.truth_mm, points)
 
@@ -43,10 +46,10 @@ class CertifiedDistance:
 def find_goals(
     touched: TouchedRows, target_mm: F64, lengths: Sequence[CertifiedDistance], tip_mm: F64
 ) -> F64:
-    """Where the tip should stand (n, 3), base frame, nearest to *tip_mm* (n, 3).
+    """Find the wanted tip positions (n, 3), base frame, nearest to *tip_mm* (n, 3).
 
     *target_mm* (K, 3) are certified positions, NaN for an unknown point. Rows whose tip is not
-    known (NaN) take no part; theirs is NaN.
+    known (NaN) are not used, and their result is NaN.
     """
     used = np.isfinite(tip_mm[:, 0])
     unknown = np.isnan(target_mm[:, 0])
@@ -63,7 +66,7 @@ def find_goals(
 
 
 def fit_rigid_motion(local_mm: F64, base_mm: F64) -> tuple[F64, F64]:
-    """Rotation (3, 3) and origin (3,) that bring points (n, 3) nearest to others (Kabsch)."""
+    """Fit rotation (3, 3) and origin (3,) that bring points (n, 3) nearest to others (Kabsch)."""
     middle, base_middle = local_mm.mean(axis=0), base_mm.mean(axis=0)
     u, _, vt = np.linalg.svd((base_mm - base_middle).T @ (local_mm - middle))
     mirrored = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
@@ -72,7 +75,10 @@ def fit_rigid_motion(local_mm: F64, base_mm: F64) -> tuple[F64, F64]:
 
 
 def _begin(touched: TouchedRows, target_mm: F64, tip_mm: F64, used: Mask) -> tuple[F64, F64, F64]:
-    """First poses, those with most known points first; then the unknown points that they tell."""
+    """Return first poses, those with most known points first, and target positions.
+
+    Each pose determines further unknown points.
+    """
     count = int(touched.placement.max()) + 1
     rotation, origin = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
     unplaced = set(np.unique(touched.placement[used]).tolist())
@@ -107,7 +113,7 @@ def _move_points(
     tip_mm: F64,
     used: Mask,
 ) -> None:
-    """Bring unknown points to the mean of where the tips say that they are."""
+    """Move unknown points to the mean of their positions by the tips."""
     rotation, origin = poses
     away = tip_mm - origin[touched.placement]
     local = np.einsum("nji,nj->ni", rotation[touched.placement], away) / touched.stretch[:, None]
@@ -127,7 +133,7 @@ def _place_all(
 
 
 def _keep_lengths(target_mm: F64, unknown: Mask, lengths: Sequence[CertifiedDistance]) -> None:
-    """Move unknown points, as little as it takes, until certified lengths are kept."""
+    """Move unknown points as little as possible until certified lengths are kept."""
     ends = np.array([length.between for length in lengths])
     certified_mm = np.array([length.length_mm for length in lengths])
     for _ in range(STEPS):

@@ -1,7 +1,7 @@
-"""`--session-like SESSION`: the readings that the twin would have had where a session was measured.
+"""`--session-like SESSION`: the readings that the twin would have had in a measured session.
 
-The artefact is placed where the session's own angles have it under the twin. Then each row's joints
-turn, as little as it takes, until the twin's tip stands at the row's target.
+The artefact is placed where the session's own angles put it under the twin. Then each row's joints
+turn as little as possible until the twin's tip is at the row's target.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from armd.simulator.twin.session_files import (
 )
 from armd.terminal.counted import format_count
 
-#: The joints turn until the tip is so close, in so many steps; terms change a step by a thousandth.
+#: Tolerance of the tip, and number of steps; terms change a step by a thousandth.
 CLOSE_MM, STEPS = 1e-10, 40
-#: Farther off, a row's target is out of reach from its posture.
+#: With a larger distance, a row's target is out of reach from its posture.
 MISSED_MM = 1e-7
 NOTE = b"# Simulated by armd simulate --session-like: no arm was measured.\n"
 
 
 @dataclass(frozen=True)
 class Copied:
-    """What was made of a session."""
+    """The copy of a session."""
 
     table: bytes
     n: int
@@ -51,7 +51,7 @@ class Copied:
 
 
 class TwinRows:
-    """A session's rows under a twin: angles in, tips out."""
+    """A session's rows under a twin: takes angles, returns frames."""
 
     def __init__(self, twin: TwinModel, session: SourceSession) -> None:
         arm = twin.arm
@@ -64,7 +64,10 @@ class TwinRows:
         self._amounts = twin.row_slow(celsius, session.unix_s())
 
     def stand(self, q: F64) -> Frames:
-        """At angles (n, N) rad; where no approach is given, the tip came as its joints move it."""
+        """Return the frames at angles (n, N) rad.
+
+        Where no approach is given, it is the direction in which the joints move the tip.
+        """
         approach = self._approach
         open_rows = self._moving & np.isnan(approach[:, 0])
         if open_rows.any():
@@ -76,11 +79,10 @@ class TwinRows:
 def copy_session(
     twin: TwinModel, session: SourceSession, noise: FoundNoise | None, seed: int
 ) -> Copied:
-    """The session as the twin would have been measured in it; raises `BadInput` where a target is
-    out of its reach.
+    """Return the session with the twin's readings; raises `BadInput` for a target out of reach.
 
-    With *noise*, certified positions and lengths err by their standard uncertainties, too: they
-    are part of what a diagnosis expects of the noise.
+    With *noise*, certified positions and lengths also have errors by their standard uncertainties,
+    because a diagnosis includes them in its expected noise.
     """
     measured = session.angles(twin.arm)
     turns = count_whole_turns(measured, twin.arm.limits_rad)
@@ -106,7 +108,7 @@ def copy_session(
 
 
 def _turn_to(rows: TwinRows, session: SourceSession, q: F64, goal_mm: F64) -> F64:
-    """Angles (n, N) near *q* at which the tip is at *goal_mm* (n, 3); NaN: where it is."""
+    """Find angles (n, N) near *q* with the tip at *goal_mm* (n, 3); NaN: unchanged."""
     q = q.copy()
     for _ in range(STEPS):
         frames = rows.stand(q)
@@ -135,11 +137,10 @@ def _drawn(
     q_and_touched: tuple[F64, TouchedRows],
     rng: np.random.Generator,
 ) -> tuple[F64, F64]:
-    """Displacements of the tip (n, 3) mm and errors of the encoders (n, N) rad: one rest's are
-    shared by its readings.
+    """Draw displacements of the tip (n, 3) mm and errors of the encoders (n, N) rad.
 
-    Larger by the share that fitting placements takes up, so that what is left of them is what the
-    diagnosis found.
+    The readings of one rest share them. They are larger by the share that fitting placements
+    absorbs, so that the residuals have the size that the diagnosis found.
     """
     q, touched = q_and_touched
     rest = number_rests(q, touched.placement, touched.target)
@@ -151,7 +152,7 @@ def _drawn(
 
 
 def _freedom(touched: TouchedRows, unknown: F64, n: int) -> float:
-    """The share of 3 n coordinates that poses and unknown points leave, 0.2 at least."""
+    """Return the share of 3 n coordinates not fitted by poses and unknown points, at least 0.2."""
     rows = np.bincount(touched.placement)
     fitted_coordinates = float(np.minimum(6, 3 * rows[rows > 0]).sum())
     fitted_coordinates += 3.0 * float(unknown[np.unique(touched.target)].sum())
@@ -159,9 +160,9 @@ def _freedom(touched: TouchedRows, unknown: F64, n: int) -> float:
 
 
 def write_copy(options: argparse.Namespace, seed: int) -> int:
-    """Write the twin's session as the command line says; 0.
+    """Write the twin's session as the command line requires; return 0.
 
-    Raises `ArmdError`, with nothing written, where an input is wrong or a session is there.
+    Raises `ArmdError`, with nothing written, where an input is invalid or a session exists there.
     """
     arm_path, source, output = options.arm, options.session_like, options.output
     check_output_folder(output)

@@ -1,6 +1,6 @@
-"""A session's folder as the twin takes it: its columns as arrays, its table's other cells as read.
+"""Reads a session's folder for the twin: columns as arrays, other cells unchanged.
 
-`armd check` has looked at the files before: what is read here is right.
+`armd check` has checked the files before, so they are valid.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ KNOWN_OF_ARTEFACT = {
 
 @dataclass(frozen=True)
 class SourceSession:
-    """A session folder, read."""
+    """A session folder that was read."""
 
     folder: Path
     table: str  # name of its file
     header: list[str]
-    columns: dict[str, list[Any]]  # every cell as it stands
+    columns: dict[str, list[Any]]  # every cell unchanged
     file: Mapping[str, Any]  # session.toml
 
     @property
@@ -45,24 +45,24 @@ class SourceSession:
         return len(self.columns["placement"])
 
     def numbers(self, name: str) -> F64:
-        """A column (n,), NaN where a cell or the whole column is missing."""
+        """Return a column (n,), NaN where a cell or the whole column is missing."""
         cells = self.columns.get(name)
         if cells is None:
             return np.full(self.n, np.nan)
         return np.array([_number(cell) for cell in cells])
 
     def side_by_side(self, *names: str) -> F64:
-        """Columns (n, names)."""
+        """Return columns (n, names)."""
         return np.stack([self.numbers(name) for name in names], axis=1)
 
     def numbered(self, name: str) -> tuple[I64, list[str]]:
-        """A column of names as numbers (n,) into the list of distinct ones."""
+        """Return a column of names as indices (n,) into the list of distinct names."""
         names = list(dict.fromkeys(map(str, self.columns[name])))
         place = {text: i for i, text in enumerate(names)}
         return np.array([place[str(text)] for text in self.columns[name]]), names
 
     def radians_per_unit(self, arm: ArmData) -> F64:
-        """(N,) rad per unit of the angles' columns, signed."""
+        """Return (N,) rad per unit of the angles' columns, signed."""
         unit = self.file.get("angle_unit", "rad")
         if unit == "count":
             turns = np.array([float(counts or math.nan) for counts in arm.counts_per_turn])
@@ -71,18 +71,18 @@ class SourceSession:
         return np.full(arm.n_joints, 1.0 if unit == "rad" else math.radians(1.0))
 
     def angles(self, arm: ArmData) -> F64:
-        """(n, N) rad, on the turn that the table has."""
+        """Return the angles (n, N) rad, with the turns of the table."""
         names = [f"q{k}" for k in range(1, arm.n_joints + 1)]
         angles: F64 = self.side_by_side(*names) * self.radians_per_unit(arm)
         return angles
 
     def unix_s(self) -> F64:
-        """(n,) NaN where no time is known."""
+        """Return the times (n,), NaN where no time is known."""
         unix_s: F64 = self.file["started"].timestamp() + self.numbers("time_s")
         return unix_s
 
     def with_angles(self, q: F64, arm: ArmData) -> bytes:
-        """The table with angles *q* (n, N) rad and every other cell as it stands."""
+        """Return the table with angles *q* (n, N) rad and every other cell unchanged."""
         values = q / self.radians_per_unit(arm)
         if self.file.get("angle_unit") == "count":
             values = np.rint(values)
@@ -95,7 +95,10 @@ class SourceSession:
 
 
 def read_session(folder: Path, arm: ArmData) -> SourceSession:
-    """Read a session of *arm*; raises `BadInput` for another's, and for what no twin measures."""
+    """Read a session of *arm*.
+
+    Raises `BadInput` for another arm's, and for an artefact that a twin cannot measure.
+    """
     path = folder / "session.toml"
     file = tomllib.loads(read_input(path).decode("utf-8-sig"))
     if file["arm"] != arm.serial_number:
@@ -107,17 +110,20 @@ def read_session(folder: Path, arm: ArmData) -> SourceSession:
     return SourceSession(folder, table, header, columns, file)
 
 
-#: (what is certified, its standard uncertainty in mm, how many numbers) → by how much it errs (n,)
+#: (certified item, its standard uncertainty in mm, how many numbers) → its errors (n,)
 CertificateErrors = Callable[[str, float, int], F64]
 
 
 def draw_no_errors(_: str, __: float, count: int) -> F64:
-    """A certificate without errors."""
+    """Return the errors of a perfect certificate: zero."""
     return np.zeros(count)
 
 
 def draw_certificate_errors(seed: int) -> CertificateErrors:
-    """Errors by each standard uncertainty: the same for one certificate in all sessions."""
+    """Return a function that draws errors by each standard uncertainty.
+
+    They are the same for one certificate in all sessions.
+    """
 
     def draw(certified_item: str, uncertainty_mm: float, count: int) -> F64:
         rng = np.random.default_rng([seed, zlib.crc32(certified_item.encode())])
@@ -129,9 +135,9 @@ def draw_certificate_errors(seed: int) -> CertificateErrors:
 def list_touched(
     session: SourceSession, correction: Mapping[str, Any], errors: CertificateErrors
 ) -> tuple[TouchedRows, F64, list[CertifiedDistance]]:
-    """What its rows were put to: true positions (K, 3) mm (NaN: unknown) and lengths.
+    """List the touched targets: true positions (K, 3) mm (NaN: unknown) and lengths.
 
-    *correction*: a calibration's `artefact`, which holds where its name is among `artefacts`.
+    *correction*: a calibration's `artefact`, used if this artefact's name is among its `artefacts`.
     """
     artefact = session.file["artefact"]
     artefact_name, unsure = artefact["name"], "standard_uncertainty_mm"
@@ -174,8 +180,11 @@ def list_touched(
 def _stretch(
     session: SourceSession, artefact: Mapping[str, Any], correction: Mapping[str, Any]
 ) -> F64:
-    """(n,) a row without the artefact's temperature has the last one before it, the first rows
-    the first; without any it is at its reference."""
+    """Return the artefact's size (n,) relative to its certificate.
+
+    A row without its temperature has the last one before it, the first rows the first. Without any,
+    the artefact is at its reference temperature.
+    """
     celsius = session.numbers("artefact_c")
     rows_with_temperature = np.flatnonzero(np.isfinite(celsius))
     rise = np.zeros(session.n)
@@ -198,7 +207,7 @@ def _number(cell: Any) -> float:
 
 def _read_table(path: Path) -> tuple[list[str], dict[str, list[Any]]]:
     if path.suffix == ".parquet":
-        import pyarrow.parquet as parquet  # most sessions are text
+        import pyarrow.parquet as parquet  # loaded late: most sessions are text
 
         table = parquet.read_table(path)
         return list(table.column_names), table.to_pydict()

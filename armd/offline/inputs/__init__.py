@@ -1,1 +1,1 @@
-"""What the offline functions take: sessions and tables, from files or from memory."""
+"""Inputs of the offline functions: sessions and tables, from files or from memory."""

@@ -1,4 +1,4 @@
-"""Tables of others as Arrow tables: pandas, polars, Arrow, a dict of arrays."""
+"""Converts tables of pandas, polars or Arrow, and dicts of arrays, to Arrow tables."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _converted(table: Any) -> pa.Table:
         return pa.Table.from_batches([table])
     if isinstance(table, Mapping):
         return pa.table({str(name): _column(values) for name, values in table.items()})
-    if type(table).__module__.partition(".")[0] == "pandas":  # whose index is no column
+    if type(table).__module__.partition(".")[0] == "pandas":  # its index is no column
         return pa.Table.from_pandas(table, preserve_index=False)
     if hasattr(table, "__arrow_c_stream__") or hasattr(table, "__arrow_c_array__"):
         return pa.table(table)

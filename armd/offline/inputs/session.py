@@ -1,4 +1,4 @@
-"""`read_session` and `make_session`: measured readings, from a folder or from a table in memory."""
+"""`read_session` and `make_session`: measured readings, from a folder or a table in memory."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from armd.offline.inputs.arrow_input import to_arrow_table
 from armd.offline.inputs.session_source import FolderSource, SessionSource, TableSource
 from armd.offline.results.display import Displayed, Facts
 
-#: When a session in memory began, unless the caller says so.
+#: The start of a session in memory, unless the caller gives it.
 EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
-#: What a session in memory is called in messages and results.
+#: The name of a session in memory, in messages and results.
 IN_MEMORY = "session"
 
 
 class Session(Displayed):
     """Readings of one arm on one artefact. `read_session` and `make_session` make it.
 
-    The readings of a folder are read, and checked against the arm, where they are first used with
-    one; they are kept until the session is used with another arm.
+    The readings of a folder are read, and checked against the arm, when they are first used with
+    one. They are kept until the session is used with another arm.
     """
 
     def __init__(self, source: SessionSource) -> None:
@@ -51,7 +51,7 @@ class Session(Displayed):
 
     @property
     def arm(self) -> str:
-        """Serial number of the arm that was measured."""
+        """The serial number of the measured arm."""
         return self._source.file.arm
 
     @property
@@ -61,12 +61,12 @@ class Session(Displayed):
 
     @property
     def angle_unit(self) -> AngleUnit:
-        """Unit of the columns q1 … qN: `rad`, `deg` or `count`."""
+        """The unit of the columns q1 … qN: `rad`, `deg` or `count`."""
         return self._source.file.angle_unit
 
     @property
     def artefact(self) -> dict[str, Any]:
-        """What the tip was put to, as session.toml has it."""
+        """The measured artefact, as in session.toml."""
         return self._source.file.artefact.model_dump(by_alias=True, exclude_defaults=True)
 
     @property
@@ -77,13 +77,16 @@ class Session(Displayed):
     def save(self, folder: PathText) -> None:
         """Write the session's folder: session.toml, and readings.csv or readings.parquet.
 
-        Each file appears whole or not at all. Raises `armd.BadInput` where nothing can be written.
+        Each file appears completely or not at all. Raises `armd.BadInput` where nothing can be
+        written.
         """
         self._source.save(Path(folder))
 
     def load(self, arm: Arm, place: Path) -> StoredSession:
-        """Return the readings as armd's own functions take them; *place* is what messages call
-        it. Not public."""
+        """Return the readings in the form of armd's own functions. Not public.
+
+        *place*: their name in messages.
+        """
         key = f"{place}\0{arm.model_dump_json()}"
         if self._loaded is None or self._loaded[0] != key:
             self._loaded = key, self._source.load(arm, place)
@@ -108,10 +111,10 @@ Sessions = Session | PathText | Iterable[Session | PathText]
 
 
 def read_session(folder: PathText) -> Session:
-    """Read a session's folder: session.toml now, the readings where they are first used.
+    """Read a session's folder: session.toml now, the readings when they are first used.
 
-    Raises `armd.BadInput` for what is no session's folder or a session.toml that does not hold;
-    faults of the readings are raised by the function that takes the session and the arm.
+    Raises `armd.BadInput` for a folder that is no session, or an invalid session.toml. The function
+    that takes the session and the arm raises faults of the readings.
 
     >>> session = armd.read_session("measured/T20")
     >>> session.arm
@@ -130,18 +133,17 @@ def make_session(
 ) -> Session:
     """Return a session of readings in memory.
 
-    *table*: a pandas or polars data frame, an Arrow table or record batch, whatever else has
-    `__arrow_c_stream__`, or a dict of arrays (n,). Its columns are those of readings.csv:
-    `time_s` in s, `placement`, `target`, `q1` … `qN` in *angle_unit* (`rad`, `deg` or `count`),
-    and the optional ones: `w1` … `wN` in rad/s, a column for each sensor in °C, `artefact_c`,
-    `approach_x` …, `x_mm` …, `qx` … or `rx_deg` …, `reflector`; NaN or null is missing.
-    *artefact*: a dict as the table `[artefact]` of session.toml, or the path of a file that has
-    one; None: every target is an unknown fixed point.
-    *started*: the instant of `time_s = 0`, a datetime or ISO text with its offset from UTC; None:
-    1970-01-01T00:00:00Z.
+    *table*: a pandas or polars data frame, an Arrow table or record batch, any object with
+    `__arrow_c_stream__`, or a dict of arrays (n,). Its columns are those of readings.csv: `time_s`
+    in s, `placement`, `target`, `q1` … `qN` in *angle_unit* (`rad`, `deg` or `count`), and the
+    optional ones: `w1` … `wN` in rad/s, a column for each sensor in °C, `artefact_c`, `approach_x`
+    …, `x_mm` …, `qx` … or `rx_deg` …, `reflector`; NaN or null is missing. *artefact*: a dict as
+    the table `[artefact]` of session.toml, or the path of a file that has one; None: every target
+    is an unknown fixed point. *started*: the instant of `time_s = 0`, a datetime or ISO text with
+    its offset from UTC; None: 1970-01-01T00:00:00Z.
 
-    Raises `armd.BadInput` naming row and column; faults of single readings are raised by the
-    function that takes the session.
+    Raises `armd.BadInput` naming row and column. The function that takes the session raises faults
+    of single readings.
 
     >>> columns = {"time_s": np.arange(3.0), "placement": ["P1"] * 3, "target": ["S1"] * 3}
     >>> columns |= {f"q{k}": np.linspace(0, 0.1, 3) for k in range(1, 7)}
@@ -162,7 +164,7 @@ def make_session(
     }
     file = validate(IN_MEMORY, content, SessionFile)
     source = TableSource(file, readings)
-    source.load(model.content, Path(IN_MEMORY))  # which refuses what does not hold, now
+    source.load(model.content, Path(IN_MEMORY))  # refuses invalid readings now
     return Session(source)
 
 
@@ -182,7 +184,7 @@ def to_artefact_content(artefact: Mapping[str, Any] | PathText) -> dict[str, Any
 
 
 def _unknown_points(readings: Any) -> dict[str, Any]:
-    """Return an artefact of which nothing is known but its targets' names."""
+    """Return an artefact whose targets have names, but no known positions."""
     targets = readings["target"].to_pylist() if "target" in readings.column_names else []
     names = dict.fromkeys(str(name) for name in targets if name is not None)
     return {"name": "unknown points", "target": [{"name": name} for name in names if name]}
@@ -201,7 +203,7 @@ def _to_builtin(value: Any) -> Any:
 
 
 def resolve_sessions(sessions: Sessions) -> list[Session]:
-    """Return the sessions given, read where they are paths; one counts as a list of one."""
+    """Return the sessions, read where they are paths; a single one counts as a list."""
     single = isinstance(sessions, Session | str | os.PathLike)
     listed: list[Session | PathText] = [sessions] if single else list(sessions)  # type: ignore[list-item, arg-type]
     if not listed:

@@ -1,4 +1,4 @@
-"""Where the readings of a session are: in a folder, or in a table in memory."""
+"""The sources of a session's readings: a folder, or a table in memory."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from armd.files.toml_text import format_toml
 
 
 class SessionSource(Protocol):
-    """Where a session's readings are."""
+    """The source of a session's readings."""
 
     path: Path | None
     file: SessionFile
@@ -43,7 +43,7 @@ class SessionSource(Protocol):
 
 
 class FolderSource:
-    """A session's folder."""
+    """A session in a folder."""
 
     def __init__(self, folder: Path) -> None:
         check_is_session(folder)
@@ -69,7 +69,7 @@ class FolderSource:
 
 
 class TableSource:
-    """A table in memory."""
+    """A session from a table in memory."""
 
     path: Path | None = None
 
@@ -105,7 +105,7 @@ class TableSource:
         )
 
     def _digest(self) -> str:
-        """Return the fingerprint that the folder of `save` would have."""
+        """Return the hash that the folder of `save` would have."""
         text = io.BytesIO()
         pa.csv.write_csv(self._table, text)
         digest = hashlib.sha256()

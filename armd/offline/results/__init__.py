@@ -1,1 +1,1 @@
-"""What the offline functions return: tables, their display, pages of reports."""
+"""Results of the offline functions: tables, their display, pages of reports."""

@@ -1,4 +1,4 @@
-"""Tables of results: named columns that pandas, polars, DuckDB and Arrow take as they are."""
+"""Tables of results: named columns that pandas, polars, DuckDB and Arrow accept directly."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from armd.offline.results.display import MOST_LINES, shorten_end
 
-#: Rows shown of a longer table.
+#: Number of rows shown of a longer table.
 SHOWN_ROWS = 12
 
 

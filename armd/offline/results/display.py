@@ -1,4 +1,4 @@
-"""How a result shows itself: as text of a screen at most, and as HTML in a notebook."""
+"""Displays a result as text of at most one screen, and as HTML in a notebook."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-#: A screen: so many lines of so many characters.
+#: A screen: number of lines, and of characters a line.
 MOST_LINES, MOST_WIDE = 24, 100
 
 Facts = Sequence[tuple[str, str]]
@@ -59,13 +59,13 @@ class Reported(Displayed):
         """Write the report of the command of this name to *path*: HTML, or PDF by its suffix
         `.pdf`.
 
-        Raises `armd.ArmdError` where nothing prints a PDF.
+        Raises `armd.ArmdError` where no program prints a PDF.
         """
-        from armd.compensation.report.layout.written import write_page  # drawings load slowly
+        from armd.compensation.report.layout.written import write_page  # loads slowly
 
         write_page(Path(path), self.page())
 
 
 def shorten_end(line: str) -> str:
-    """Return *line*, its end cut where it is wider than a screen."""
+    """Return *line*, cut at its end if it is wider than a screen."""
     return line if len(line) <= MOST_WIDE else line[: MOST_WIDE - 1] + "…"

@@ -1,4 +1,4 @@
-"""How a calibration came about, beside the calibration itself."""
+"""The details of an identification, beside its calibration."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from armd.offline.arm_model import ArmModel
 
 @dataclass(frozen=True)
 class Identified:
-    """The whole result of an identification, the sessions and the arm that it was made of."""
+    """The whole result of an identification, with its sessions and its arm."""
 
     result: Result
     sessions: list[StoredSession]

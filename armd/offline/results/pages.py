@@ -1,4 +1,4 @@
-"""The reports of results, as files: drawings load slowly, so they load here."""
+"""The reports of results. This module loads the drawings, which is slow."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def draw_calibration_page(
 def list_inputs(
     arm: ArmModel, calibration: LoadedCalibration | None
 ) -> dict[str, InputFile | None]:
-    """Return what a report names as its inputs, beside sessions."""
+    """Return the inputs that a report names beside sessions."""
     calibration_file = InputFile(calibration.path.name, calibration.sha256) if calibration else None
     return {"arm": describe_arm(arm), "calibration": calibration_file}
 
@@ -37,6 +37,6 @@ def describe_arm(arm: ArmModel) -> InputFile:
 
 
 def hash_data(name: str, content: dict[str, Any]) -> InputFile:
-    """Return data that was no file as an input of a report: the SHA-256 is of its JSON."""
+    """Return data without a file as an input of a report, with the SHA-256 of its JSON."""
     text = json.dumps(content, sort_keys=True)
     return InputFile(name, hashlib.sha256(text.encode()).hexdigest())

@@ -1,4 +1,4 @@
-"""A part of a result: a dict whose keys are attributes, too, as scipy's `OptimizeResult`."""
+"""A part of a result: a dict whose keys are also attributes, like scipy's `OptimizeResult`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 class Record(dict[str, Any]):
-    """Plain data; `record.name` is `record["name"]`, also of the dicts and lists within it."""
+    """Plain data; `record.name` is `record["name"]`, also in the dicts and lists within it."""
 
     def __getattr__(self, name: str) -> Any:
         try:

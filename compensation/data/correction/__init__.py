@@ -1,1 +1,1 @@
-"""Readings in, corrected points out, piece by piece."""
+"""The correction of tables of readings to tables of points, piece by piece."""

@@ -1,7 +1,7 @@
-"""Readings in, corrected points out, piece by piece.
+"""The correction of readings to points, piece by piece.
 
-A piece holds some ten thousand rows. What lies between rows (held temperatures, lags) is carried
-from piece to piece by `take`; all else `correct` works out, of any piece and from any thread.
+A piece holds some ten thousand rows. `take` carries the state between rows (last temperatures,
+lags) from piece to piece. `correct` computes all else, of any piece and from any thread.
 """
 
 from __future__ import annotations
@@ -61,16 +61,18 @@ END_STOP_RAD = np.radians(0.5)
 
 @dataclass(frozen=True)
 class Taken:
-    """Some readings, and all that earlier ones have to say of them."""
+    """Some readings, with all that depends on earlier ones."""
 
-    states: States  # temperatures held
+    states: States  # missing temperatures have the last value
     slow: F64  # (n, L+T) values of the model's slow factors
     stale: Mask  # (n,) a temperature in use is missing
     published: npt.NDArray[np.uint32] | None  # (n,) flags of the samples, of points recorded live
 
 
 class Corrector:
-    """Corrects one file's readings: `take` in their order, `correct` in any, from any thread."""
+    """Corrects one file's readings: `take` in their order, `correct` in any order, from
+    any thread.
+    """
 
     def __init__(
         self,
@@ -81,7 +83,7 @@ class Corrector:
     ) -> None:
         self._arm = arm
         self.columns = list_number_columns(arm)
-        #: of the calibration, as points have it
+        #: the calibration's identity, as points contain it
         self.identity = 0 if calibration is None else calibration.identity
         self._unit = unit
         self._like_radians = LikeRadians(arm, unit)
@@ -110,20 +112,20 @@ class Corrector:
         self._open_joints = np.flatnonzero(~are_decided(arm))
         self._lowest, self._highest = np.full((2, arm.n_joints), np.nan)
         self._sames: dict[str, npt.NDArray[Any]] = {}
-        #: sentences: what was read and does not count as it stands
+        #: sentences: values that were read and are not used as they are
         self.remarks: list[str] = []
 
     def select_columns(self, header: Collection[str]) -> dict[str, pa.DataType]:
-        """The columns that are asked for of a table with these, and what they hold."""
+        """Select the columns to read from a table with this *header*, with their types."""
         types: dict[str, pa.DataType] = {
             name: pa.float64() for name in self.columns if name in header
         }
         return types | (RECORDED_TYPES if is_recorded(header) else {})
 
     def take(self, readings: Readings) -> Taken:
-        """The next readings of the file, checked."""
+        """Check and return the next readings of the file."""
         arm = self._arm
-        # By columns, all that is asked of whole columns is several times faster.
+        # Operations on whole columns are several times faster in this memory order.
         q = read_angles(readings, arm, self._unit, missing_allowed=True, order="F")
         self._like_radians.take(readings, q)
         if not are_within_limits(q, arm):
@@ -151,12 +153,14 @@ class Corrector:
         )
         slow = self._slow_values(states)
         stale: Mask = np.zeros(readings.n, bool)
-        if states.temperature_c is not measured_c:  # some are missing
+        if states.temperature_c is not measured_c:  # some temperatures are missing
             stale = np.logical_or.reduce(np.isnan(measured_c[:, self._used]), axis=1)
         return Taken(states, slow, stale, read_flags(readings) if recorded else None)
 
     def ended(self, source: Path) -> None:
-        """*source* has no more readings; raises `BadInput` if their unit cannot be right."""
+        """Finish *source*, which has no more readings; raises `BadInput` if their unit cannot be
+        right.
+        """
         self._like_radians.judge()
         middle = (self._lowest + self._highest) / 2
         turned = AngleRange(str(source), self._lowest, self._highest, middle)
@@ -165,32 +169,33 @@ class Corrector:
     def correct(
         self, batch: Taken, *, uncertainty: bool = True
     ) -> tuple[F64, npt.NDArray[np.uint32]]:
-        """Positions and their standard uncertainties (n, 6) mm, or positions (n, 3); flags (n,).
+        """Return positions and standard uncertainties (n, 6) mm, or positions (n, 3); and flags
+        (n,).
 
-        NaN where an angle is missing or a number overflows, in the whole row; uncertainties also
+        A row is NaN where an angle is missing or a number overflows. Uncertainties are also NaN
         where the calibration states none.
         """
         states = batch.states
-        # Once, as the compiled functions want it; each of them would do it otherwise.
+        # Convert once to the order of the compiled functions, or each of them would do so.
         ordered = replace(states, q=np.ascontiguousarray(states.q))
-        figures = np.empty((states.n, 6 if uncertainty else 3), order="F")  # as columns want them
+        figures = np.empty((states.n, 6 if uncertainty else 3), order="F")  # by columns
         figures[:, :3] = judged = self._model.position_rows(ordered, batch.slow)
         if uncertainty:
             figures[:, 3:] = self._model.uncertainty_rows(ordered, batch.slow)
             if self._model.states_uncertainty:
                 judged = figures
-        if math.isfinite(judged.sum()):  # of a missing angle comes no position
+        if math.isfinite(judged.sum()):  # a missing angle makes NaN
             invalid = np.zeros(states.n, bool)
         else:
             invalid = np.logical_or.reduce(~np.isfinite(judged), axis=1)
-        if batch.published is not None:  # a point that was withheld stays so
+        if batch.published is not None:  # a point that was withheld stays withheld
             invalid |= (batch.published & np.uint32(Flag.INVALID)) != 0
         if invalid.any():
             figures[invalid] = np.nan
 
         low_c, high_c = self._range_c
         outside = _beyond(states.temperature_c, low_c, high_c, self._used)
-        for since, until in self._model.periods_unix_s:  # beyond them terms are held
+        for since, until in self._model.periods_unix_s:  # outside them terms are constant
             outside |= (states.time_s < since) | (states.time_s > until)
         low, high = self._low + END_STOP_RAD, self._high - END_STOP_RAD
         near_end = _beyond(states.q, low, high, range(len(low)))
@@ -208,8 +213,10 @@ class Corrector:
         return figures, flags
 
     def _slow_values(self, states: States) -> F64:
-        """Values (n, L+T) of the slow factors: of temperatures alone, once for rows that repeat
-        those of the row before."""
+        """Return the values (n, L+T) of the slow factors.
+
+        If they depend on temperatures only, repeated rows are computed once.
+        """
         if self._needs_time:
             return np.ascontiguousarray(self._model.slow_values(states, onwards=True))
         first = _firsts(states.temperature_c)
@@ -222,16 +229,16 @@ class Corrector:
         return read_approaches(readings, self._arm, q, rate, from_motion=self._needs_approach)
 
     def _rates(self, readings: Readings) -> F64:
-        """Joint rates (n, N), NaN in tables without them."""
+        """Return joint rates (n, N), NaN in tables without them."""
         n_joints = self._arm.n_joints
         if any(readings.has(f"w{k}") for k in range(1, n_joints + 1)):
             return read_rates(readings, n_joints)
         return self._same(readings.n, np.nan, n_joints)
 
     def _same(self, n: int, value: float, *width: int) -> npt.NDArray[Any]:
-        """An array (n, …) of this value: the same one for piece after piece, which nobody changes.
+        """Return an array (n, …) of this value, shared by all pieces; do not change it.
 
-        A table without a column needs many of them, and to fill them anew takes long.
+        A table without a column needs many of them, and filling new ones takes long.
         """
         name = f"{value!r} {width}"
         if name not in self._sames or n > len(self._sames[name]):
@@ -239,7 +246,9 @@ class Corrector:
         return self._sames[name][:n]
 
     def _hold(self, measured_c: F64) -> F64:
-        """Temperatures (n, S), the last one held where one is missing; at first the reference."""
+        """Return temperatures (n, S) with missing ones replaced by the last value, at first the
+        reference.
+        """
         if len(measured_c) and not np.isnan(measured_c.min(initial=0.0)):
             self._held_c = measured_c[-1].copy()
             return measured_c
@@ -261,7 +270,9 @@ class Corrector:
 
 
 def _beyond(values: F64, low: F64, high: F64, columns: Iterable[int]) -> Mask:
-    """Rows (n,) of *values* (n, K) below *low* (K,) or above *high* in one of *columns*."""
+    """Return the rows (n,) of *values* (n, K) below *low* (K,) or above *high* in one
+    of *columns*.
+    """
     beyond = np.zeros(len(values), bool)
     for k in columns:
         if not is_within(values[:, k], low[k], high[k]):
@@ -270,7 +281,7 @@ def _beyond(values: F64, low: F64, high: F64, columns: Iterable[int]) -> Mask:
 
 
 def _firsts(values: F64) -> I64:
-    """The rows of *values* (n, K) that differ from the row before; the first one, too."""
+    """Return the rows of *values* (n, K) that differ from the row before, and the first row."""
     differs = np.zeros(len(values), bool)
     differs[:1] = True
     for column in values.T:

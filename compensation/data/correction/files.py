@@ -1,7 +1,7 @@
-"""Files of readings in, the same tables with corrected points out, piece by piece.
+"""The correction of files of readings to the same tables with points, piece by piece.
 
-So memory does not grow with the file. Pieces are worked off on all processors, some at a time,
-while the next is read and the last are written.
+So memory does not grow with the file. Several pieces are processed at once on all processors, while
+the next is read and the last are written.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from armd.errors import BadInput
 from armd.files.inputs import open_input
 from armd.files.writing import replace_file
 
-#: Rows that are written together, as one group of a Parquet file: the file's end describes every
-#: group, and that is in memory until then.
+#: Rows that are written as one group of a Parquet file. The file's end describes every group, and
+#: these descriptions are in memory until then.
 GROUP_ROWS = 1 << 16
 
 
 def correct_file(
     source: Path, target: Path, corrector: Corrector, progress: Callable[[float], None]
 ) -> int:
-    """Read *source*, write *target* whole or not at all; returns the number of rows.
+    """Read *source* and write *target* whole or not at all; return the number of rows.
 
-    CSV gives CSV, its own text kept letter by letter; Parquet gives Parquet or CSV, by the
-    target's suffix. *progress* is told the share done, 0 to 1.
+    CSV gives CSV, with its own text unchanged; Parquet gives Parquet or CSV, by the target's
+    suffix. *progress* is called with the share done, 0 to 1.
     """
     header = read_header(source)
     csv_source = source.suffix == ".csv"
@@ -68,7 +68,7 @@ def _csv_pieces(
     types: dict[str, pa.DataType],
     corrector: Corrector,
 ) -> Iterator[tuple[int, float]]:
-    """Yields the number of rows and the share of the file done so far."""
+    """Yield the number of rows and the share of the file done so far."""
     done = 0
     with open_input(source) as lines, part.open("wb") as out:
         size = os.fstat(lines.fileno()).st_size
@@ -108,7 +108,7 @@ def _csv_pieces(
 def _parquet_pieces(
     source: Path, part: Path, suffix: str, types: dict[str, pa.DataType], corrector: Corrector
 ) -> Iterator[tuple[int, float]]:
-    """Yields the number of rows and the share of the file done so far."""
+    """Yield the number of rows and the share of the file done so far."""
     done = 0
     with open_parquet(source) as file:
         old = file.schema_arrow

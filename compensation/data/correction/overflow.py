@@ -1,4 +1,4 @@
-"""Positions that no arm has: coefficients of a calibration so large that numbers overflow."""
+"""Impossible positions, from a calibration's coefficients so large that numbers overflow."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.errors import BadInput
 
-#: A million kilometres: no coefficient that an arm has leads there, and squares are still finite.
+#: A million kilometres: no plausible coefficient leads there, and squares are still finite.
 FARTHEST_MM = 1e12
-#: Rows named in a message.
+#: The most rows that a message names.
 MOST_NAMED = 5
 
 
 def find_overflows(position_mm: F64) -> Mask:
-    """Return which rows (n,) of positions (n, 3) are not finite, or too far to be squared."""
+    """Return a mask (n,) of positions (n, 3) that are not finite, or too far to be squared."""
     if len(position_mm) and np.abs(position_mm).max() < FARTHEST_MM:
         return np.zeros(len(position_mm), bool)
     in_range: Mask = np.all(np.abs(position_mm) < FARTHEST_MM, axis=1)
@@ -22,7 +22,9 @@ def find_overflows(position_mm: F64) -> Mask:
 
 
 def refuse_overflow(session: str, row: I64, overflow: Mask) -> None:
-    """Raise `BadInput` for rows (n,) of a session, counted from 0, of which any *overflow*."""
+    """Raise `BadInput` if any of a session's rows (n,), counted from 0, is in the
+    mask *overflow*.
+    """
     rows = row[overflow] + 1
     if not len(rows):
         return

@@ -11,15 +11,15 @@ import pyarrow as pa
 from armd.arrays import F64
 
 COLUMNS = ["x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm", "flags"]
-#: nanometres and below are the encoders' rounding, many times over
+#: digits beyond these are far below the encoders' rounding
 DECIMALS = 9
 
 
 def make_point_columns(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:
-    """The columns that a correction adds, of figures (n, 3) or (n, 6) and flags (n,)."""
+    """Make the columns that a correction adds, from figures (n, 3) or (n, 6) and flags (n,)."""
     columns = np.ascontiguousarray(figures.T)
     np.round(columns, DECIMALS, out=columns)
-    # Looking for NaN, which is missing, takes Arrow longer than a sum does, in which it would show.
+    # Arrow's search for NaN (missing) takes longer than a sum, which shows a NaN as well.
     arrays = [pa.array(column, from_pandas=math.isnan(column.sum())) for column in columns]
     return pa.Table.from_arrays(
         [*arrays, pa.array(flags)], names=[*COLUMNS[: len(arrays)], COLUMNS[-1]]

@@ -1,1 +1,1 @@
-"""Tables of other programs, read by what they say of themselves, and every assumption reported."""
+"""Tables of other programs, read by their own headers and names; every assumption is reported."""

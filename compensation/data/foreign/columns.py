@@ -1,4 +1,6 @@
-"""The columns of a foreign table as a session has them: numbers in its units, and what was said."""
+"""Converts the columns of a foreign table to those of a session: numbers in its units,
+and remarks.
+"""
 
 from __future__ import annotations
 
@@ -30,12 +32,12 @@ from armd.terminal.suggest import format_names
 Value = TypeVar("Value")
 
 ALL = "1"
-#: A column of names that a table may have, beside those that a session needs.
+#: An optional column of names, in addition to those that a session needs.
 REFLECTOR = "reflector"
-#: What LeRobot calls a joint's position: a share of its sweep, -100 to 100, unless it was asked
-#: for degrees.
+#: LeRobot's name of a joint's position: a share of its range, -100 to 100, unless degrees were
+#: configured.
 LEROBOT_POSITION = ".pos"
-#: Joints that LeRobot alone calls so.
+#: Names of joints that only LeRobot uses.
 LEROBOTS_OWN = ("elbowflex", "wristflex")
 MOST_NORMALISED = 100.0
 NORMALISED = "normalised"
@@ -43,30 +45,33 @@ NORMALISED = "normalised"
 
 @dataclass
 class FoundColumns:
-    """Columns as a session has them."""
+    """The columns in the form of a session."""
 
     angle_unit: str  # "rad", "deg", "count", or NORMALISED
     numbers: dict[str, list[float]] = field(default_factory=dict)
     texts: dict[str, list[str]] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
-    started: datetime.datetime | None = None  # where the table has dates
+    started: datetime.datetime | None = None  # if the table has dates
     joints: dict[str, str] = field(default_factory=dict)  # q1 → its header
 
 
 @dataclass(frozen=True)
 class Given:
-    """What the person says of a table."""
+    """The user's statements about a table."""
 
     columns: Mapping[str, str] = field(default_factory=dict)  # a session's → the table's
     angle_unit: str | None = None
     length_unit: str | None = None
     started: datetime.datetime | None = None
-    targets: Sequence[str] = ()  # the artefact's, where it is known
+    targets: Sequence[str] = ()  # the artefact's, if it is known
 
 
 def find_columns(table: ForeignTable, arm: Arm, options: Given) -> FoundColumns:
-    """Raises `BadInput` for a joint without a column, a cell that is no number, a unit not known,
-    and a name that may mean two things."""
+    """Find and convert the columns of a session.
+
+    Raises `BadInput` for a joint without a column, a cell that is not a number, an unknown unit,
+    and an ambiguous name.
+    """
     names = [*list_number_columns(arm), *TEXTS, REFLECTOR]
     places = find_places(table, arm, options.columns, names, options.targets)
     for k in range(1, arm.n_joints + 1):
@@ -107,14 +112,14 @@ def _take_times(
 
 
 def _refuse_empty(table: ForeignTable, name: str, column: int) -> None:
-    """A reading without a target or placement belongs nowhere."""
+    """Raise `BadInput` for an empty cell: every reading needs its target and placement."""
     for i, row in enumerate(table.rows):
         if not row[column]:
             raise table.fault(i, column, f"the name of a {name}")
 
 
 def _complete(table: ForeignTable, columns: FoundColumns, targets: Sequence[str]) -> None:
-    """Placement and target for all rows where no column has them; raises `BadInput`."""
+    """Fill in placement, target and times if they have no column; raises `BadInput`."""
     if "target" not in columns.texts and len(targets) > 1:
         expected = f"the column of targets ({format_names(targets)}): --column target=HEADER"
         raise BadInput(
@@ -132,7 +137,7 @@ def _complete(table: ForeignTable, columns: FoundColumns, targets: Sequence[str]
 
 
 def _say_unused(columns: FoundColumns, places: Places) -> None:
-    """Columns that are nothing, and sensors that have none."""
+    """Add remarks on columns that are not used, and on sensors without a column."""
     arm = places.arm
     unused = [header for _, header in places.free()]
     if unused:
@@ -163,7 +168,7 @@ def _is_temperature(header: str) -> bool:
 
 
 def is_angle(name: str) -> bool:
-    """Whether a session's column is a joint's angle."""
+    """Return whether a session's column is a joint's angle."""
     return re.fullmatch(r"q\d+", name) is not None
 
 
@@ -214,7 +219,7 @@ def _in_unit(
     columns: FoundColumns,
     options: Given,
 ) -> tuple[str, list[float]]:
-    """`, in inches` or the like, and the values as a session has them."""
+    """Return a text such as `, in inches`, and the values in the unit of a session."""
     unit = split_unit(header)[1]
     factor, shift = 1.0, 0.0
     if name in ("x_mm", "y_mm", "z_mm"):
@@ -248,7 +253,7 @@ def _look_up_unit(table: ForeignTable, header: str, unit: str, units: Mapping[st
 
 
 def _check_angles(table: ForeignTable, columns: FoundColumns, arm: Arm) -> None:
-    """Counts want counts per turn."""
+    """Raise `BadInput` for counts of a joint without counts per turn."""
     for k, joint in enumerate(arm.joint, 1):
         if columns.angle_unit == "count" and joint.counts_per_turn is None:
             raise BadInput(table.path, f"q{k}", "counts", "counts_per_turn of it in arm.toml")

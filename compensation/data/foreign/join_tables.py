@@ -1,4 +1,4 @@
-"""Two tables as one: joints as the arm's controller logged them, points as a tracker did."""
+"""Joins two tables: the joints from the arm's controller, and the points from a tracker."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from armd.terminal.suggest import format_names
 
 JoinBy = Literal["row", "time"]
 
-#: A point belongs to the row of joints that is nearest in time, if it is no farther than this.
+#: A point is joined with the row of joints nearest in time, if it is no farther than this.
 WITHIN_S = 0.5
 
 
@@ -34,9 +34,9 @@ def join_tables(
 ) -> ForeignTable:
     """Return one table with a row for each point: its row of joints, and its own columns.
 
-    *by* "row": the tables have equal numbers of rows, in one order; "time": both have times of one
-    clock, and a point takes the joints nearest in time, at most *within_s* s away. None: by time
-    where both tables have times, else by row. Raises `BadInput`.
+    *by* "row": the tables have equal numbers of rows, in one order. *by* "time": both have times of
+    one clock, and a point takes the joints nearest in time, at most *within_s* s away. None: by
+    time if both tables have times, else by row. Raises `BadInput`.
     """
     times = [_times(table, arm) for table in (joints, points)]
     readable_times = [read for read, _ in times if read is not None]
@@ -61,7 +61,7 @@ def join_tables(
             f"joined with {points.path.name} by time, at most {farthest_s:.3g} s apart;"
             f" {format_count(unused, 'row')} of joints without a point"
         )
-    # The points' times only say which joints they belong to, unless there are no others.
+    # If the joints have times, the points' times only serve to join them.
     time_columns = set(times[1][1] if readable_times and times[0][0] is not None else ())
     rows = [list(joints.rows[i]) for i in joint_rows.tolist()]
     header = list(joints.header)
@@ -79,7 +79,7 @@ def join_tables(
 
 
 def _times(table: ForeignTable, arm: Arm) -> tuple[Times | None, list[int]]:
-    """When each row was read, if the table says so, and the columns that do."""
+    """Return the time of each row, if the table has times, and the columns with them."""
     places = find_places(table, arm, {}, list_number_columns(arm), ())
     column = places.column_of.get("time_s")
     if column is None:
@@ -93,7 +93,7 @@ def _times(table: ForeignTable, arm: Arm) -> tuple[Times | None, list[int]]:
 def _nearest(
     joints: ForeignTable, points: ForeignTable, times: Sequence[Times], within_s: float
 ) -> tuple[I64, float]:
-    """Return each point's row of joints (m,), and how far apart the farthest two are, s."""
+    """Return each point's row of joints (m,), and the largest distance in time, s."""
     of_joints, of_points = _on_one_clock(joints, points, times)
     order = np.argsort(of_joints, kind="stable")
     ordered = of_joints[order]
@@ -120,7 +120,7 @@ def _nearest(
 def _on_one_clock(
     joints: ForeignTable, points: ForeignTable, times: Sequence[Times]
 ) -> tuple[F64, F64]:
-    """Seconds of both tables since one instant; raises `BadInput` for two clocks."""
+    """Return the seconds of both tables since one instant; raises `BadInput` for two clocks."""
     for table, read in zip((joints, points), times, strict=True):
         if read.description == OF_A_DAY:
             expected = "dates with the times, or seconds, of one clock in both tables"
@@ -149,7 +149,7 @@ def _on_one_clock(
 def _require_alike(
     joints: ForeignTable, points: ForeignTable, joint_rows: I64, name: str, cells: Sequence[str]
 ) -> None:
-    """Refuse a column of both tables in which rows that belong together differ."""
+    """Raise `BadInput` for a column of both tables that differs between joined rows."""
     column = joints.header.index(name)
     for i, (row, cell) in enumerate(zip(joint_rows.tolist(), cells, strict=True)):
         theirs = joints.rows[row][column]

@@ -1,7 +1,7 @@
-"""A LeRobot data set as a table: the observed joints and the time of each frame.
+"""Reads a LeRobot data set as a table: the observed joints and the time of each frame.
 
-Versions 2 (a file an episode) and 3 (many episodes a file) have the same columns, and in
-meta/info.json the names of `observation.state`.
+Versions 2 (a file an episode) and 3 (many episodes a file) have the same columns; meta/info.json
+holds the names of `observation.state`.
 """
 
 from __future__ import annotations
@@ -23,17 +23,20 @@ from armd.terminal.counted import format_count
 
 STATE, INFO, SUFFIX = "observation.state", Path("meta", "info.json"), ".parquet"
 TIME, EPISODE = "timestamp", "episode_index"
-#: phosphobot's names, by the ids of its servos: joints stand in order, second servos left out.
+#: phosphobot's names, from the ids of its servos. Joints are in order, and second servos are
+#: skipped.
 SERVO = re.compile(r"motor_\d+")
 
 
 def is_dataset(path: Path) -> bool:
-    """Whether *path* is one of its files, or its folder."""
+    """Return whether *path* is a data set's file or folder."""
     return path.suffix.lower() == SUFFIX or has_file(path, INFO)
 
 
 def read_dataset(path: Path) -> ForeignTable:
-    """All frames of a file, or of the folder's files; raises `BadInput` for what is none."""
+    """Read all frames of a file, or of the folder's files; raises `BadInput` if it is no
+    data set.
+    """
     folder = path if path.is_dir() else _folder_of(path)
     files = sorted((path / "data").rglob(f"*{SUFFIX}")) if path.is_dir() else [path]
     if not files:
@@ -55,7 +58,7 @@ def read_dataset(path: Path) -> ForeignTable:
 
 
 def _folder_of(file: Path) -> Path:
-    """The folder of the data set that *file* is of; raises `BadInput`."""
+    """Return the folder of the data set that contains *file*; raises `BadInput`."""
     check_input(file)
     for folder in file.resolve().parents:
         if (folder / INFO).is_file():
@@ -87,7 +90,9 @@ def _read(file: Path) -> dict[str, np.ndarray]:
 
 
 def _names(folder: Path, width: int) -> Sequence[str]:
-    """Of the motors; numbers from 1 where the data set has no names. Raises `BadInput`."""
+    """Return the names of the motors; numbers from 1 if the data set has none.
+    Raises `BadInput`.
+    """
     path = folder / INFO
     info: Any = load_json_data(path, read_input(path, MOST_JSON_BYTES))
     try:
@@ -107,7 +112,7 @@ def _names(folder: Path, width: int) -> Sequence[str]:
 
 
 def _one_after_another(time_s: np.ndarray, episode: np.ndarray) -> np.ndarray:
-    """Each episode's seconds, which begin at 0, from where the one before ended."""
+    """Return the seconds of consecutive episodes; each episode's own seconds begin at 0."""
     between = np.diff(time_s)
     begins = np.flatnonzero(np.diff(episode)) + 1
     if not len(begins):

@@ -1,7 +1,8 @@
-"""An episode that phosphobot recorded as JSON: the joints of each step, in rad, and its time.
+"""Reads an episode that phosphobot recorded as JSON: the joints of each step, in rad, and its time.
 
-Form: `phosphobot/models/dataset.py` (JsonEpisode) and `phosphobot/utils.py` (NumpyEncoder) of
-phospho-app/phosphobot, commits 42118ed and 06b6665. Its other episodes are LeRobot data sets.
+The form is that of `phosphobot/models/dataset.py` (JsonEpisode) and `phosphobot/utils.py`
+(NumpyEncoder) of phospho-app/phosphobot, commits 42118ed and 06b6665. Its other episodes are
+LeRobot data sets.
 """
 
 from __future__ import annotations
@@ -20,17 +21,17 @@ from armd.files.inputs import check_input, read_input
 from armd.files.schema import load_json_data
 
 SUFFIX = ".json"
-#: Pictures stand in it as lists of numbers.
+#: The limit is large because the file contains pictures as lists of numbers.
 MOST_BYTES = 512 << 20
 
 
 def is_episode(path: Path) -> bool:
-    """Whether *path* has such a file's suffix."""
+    """Return whether *path* has the suffix of such a file."""
     return path.suffix.lower() == SUFFIX
 
 
 def read_episode(path: Path) -> ForeignTable:
-    """All its steps; raises `BadInput` for any other JSON."""
+    """Read all steps; raises `BadInput` for any other JSON."""
     check_input(path)
     data = load_json_data(path, read_input(path, MOST_BYTES))
     steps = data.get("steps") if isinstance(data, dict) else None
@@ -74,7 +75,7 @@ def _no_list(path: Path, k: int, value: Any) -> BadInput:
 
 
 def _decoded(value: Any) -> Any:
-    """A list as it stands, or one of phosphobot's two ways to write an array."""
+    """Return a list unchanged, or decode one of phosphobot's two forms of an array."""
     if isinstance(value, dict) and "__numpy__" in value:
         content = base64.b64decode(str(value["__numpy__"]), validate=True)
         return np.frombuffer(content, dtype=np.dtype(str(value.get("dtype"))))
@@ -100,7 +101,7 @@ def _observation(path: Path, k: int, step: Any) -> dict[str, Any]:
 
 
 def _began_s(data: dict[str, Any]) -> float:
-    """Unix time of its beginning, as far as it says it."""
+    """Return the Unix time of the episode's beginning, or 0 if it is not stated."""
     metadata = data.get("metadata")
     created = metadata.get("created_at") if isinstance(metadata, dict) else None
     return _finite(created) or 0.0

@@ -1,4 +1,4 @@
-"""Which column of a foreign table is which of a session's: by name, by number, by content."""
+"""Finds the column of a foreign table for each column of a session: by name, number or content."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ _ROS_NAME, _ROS_POSITION = re.compile(r"(.*)name_?(\d+)"), "{}position{}"
 
 @dataclass
 class Places:
-    """A session's column → its number in the table, from 0; and what was assumed for it."""
+    """The numbers of a session's columns in the table, from 0, and the assumptions made."""
 
     table: ForeignTable
     arm: Arm
     column_names: Sequence[str]
     column_of: dict[str, int] = field(default_factory=dict)
-    day: int | None = None  # a column of dates, beside one of times of a day
+    day: int | None = None  # a column of dates, if times of a day have another
     remarks: list[str] = field(default_factory=list)
 
     def free(self) -> list[tuple[int, str]]:
-        """Columns that are nothing yet: number and header."""
+        """Return the number and header of the columns that have no meaning yet."""
         used = {*self.column_of.values(), self.day}
         return [
             (column, h) for column, h in enumerate(self.table.header) if h and column not in used
         ]
 
     def put(self, name: str, column: int) -> None:
-        """Raises `BadInput` where another column is *name* already."""
+        """Assign a column; raises `BadInput` if another column is *name* already."""
         if name in self.column_of:
             header = self.table.header
             actual = f"two columns, {header[self.column_of[name]]!r} and {header[column]!r}"
@@ -68,10 +68,10 @@ def find_places(
     names: Sequence[str],
     targets: Sequence[str],
 ) -> Places:
-    """*assigned*: a session's column → the table's, as said;
-    *targets*: the artefact's.
+    """Find the places of all columns.
 
-    Raises `BadInput` for what may be two things.
+    *assigned* maps a session's columns to the table's, as the user stated; *targets* are the
+    artefact's. Raises `BadInput` for an ambiguous column.
     """
     places = Places(table, arm, names)
     for name, header in assigned.items():
@@ -103,7 +103,7 @@ def find_places(
 
 
 def _put_numbered(places: Places, kind: Kind, assigned: Mapping[str, str]) -> None:
-    """Columns such as `Joint 1`; those of one family, where one is number 0, count from 0."""
+    """Assign columns such as `Joint 1`; a family with a number 0 counts from 0."""
     families: dict[str, dict[int, int]] = defaultdict(dict)
     for column, header in places.free():
         if kind == "temperature" and _sensor_by_name(places.arm, header):
@@ -132,7 +132,9 @@ def _put_numbered(places: Places, kind: Kind, assigned: Mapping[str, str]) -> No
 
 
 def _put_sensors(places: Places, family: Mapping[int, int], assigned: Mapping[str, str]) -> None:
-    """Columns of temperatures that count, as sensors: by the number in both names, or in order."""
+    """Assign numbered columns of temperatures to sensors: by the number in both names, or
+    in order.
+    """
     sensors = places.arm.sensors
     numbers = [re.findall(r"\d+", name) for name in sensors]
     by_number: dict[int, list[str]] = defaultdict(list)
@@ -180,7 +182,7 @@ def _put_sensors_in_order(
 
 
 def _sensor_by_name(arm: Arm, header: str) -> str | None:
-    """The sensor called *header*, with a word for temperature or without."""
+    """Return the sensor called *header*, with or without a word for temperature."""
     word = split_unit(header)[0]
     by_word = {split_unit(name)[0]: name for name in arm.sensors}
     by_word |= {re.sub(r"[^a-zäöü0-9]", "", name.lower()): name for name in arm.sensors}
@@ -190,7 +192,7 @@ def _sensor_by_name(arm: Arm, header: str) -> str | None:
 
 
 def _put_words(places: Places, assigned: Mapping[str, str]) -> None:
-    """Columns that are called what they are."""
+    """Assign columns by their own names."""
     for column, header in places.free():
         word, _ = split_unit(header)
         name = (
@@ -202,7 +204,7 @@ def _put_words(places: Places, assigned: Mapping[str, str]) -> None:
         if name is None or name in assigned or word == "t":
             continue
         if name in places.column_of and places.table.header[places.column_of[name]] == name:
-            continue  # `placement` and `pose`: the one that has the session's own name
+            continue  # of `placement` and `pose` keep the session's own name
         places.put(name, column)
 
 
@@ -211,7 +213,7 @@ def _as_word(word: str) -> str | None:
 
 
 def _put_named_joints(places: Places) -> None:
-    """Joints that have names, in the header or in cells, where all of a known arm are there."""
+    """Assign joints with names, in the header or in cells, if all of a known arm are present."""
     if any(f"q{k}" in places.column_of for k in range(1, places.arm.n_joints + 1)):
         return
     columns: dict[str, list[int]] = defaultdict(list)
@@ -227,7 +229,7 @@ def _put_named_joints(places: Places) -> None:
 
 
 def _put_bare_t(places: Places) -> None:
-    """`T` alone is time or temperature: by its unit, else by what the table lacks."""
+    """Assign a column `T` to time or temperature: by its unit, else by what the table lacks."""
     bare = [(column, header) for column, header in places.free() if split_unit(header)[0] == "t"]
     for column, header in sorted(
         bare, key=lambda candidate: not _is_clock(places.table, candidate[0])
@@ -241,7 +243,7 @@ def _put_bare_t(places: Places) -> None:
         elif unit in TEMPERATURES or "time_s" in places.column_of:
             if len(sensors) == 1:
                 places.put(sensors[0], column)
-            # else: reported as temperatures without a sensor
+            # else: a remark reports it as a temperature without a sensor
         elif not unit and _is_clock(places.table, column):
             places.put("time_s", column)
         elif not unit:
@@ -252,7 +254,10 @@ def _put_bare_t(places: Places) -> None:
 
 
 def _is_clock(table: ForeignTable, column: int) -> bool:
-    """Whether a column has dates, or begins with zero and rises: no temperature does."""
+    """Return whether a column has dates, or starts at zero and rises, unlike temperatures.
+
+    Rising numbers that start above 1e8 (Unix time) count, too.
+    """
     values = [parse_number(row[column]) for row in table.rows]
     if any(value is None for value in values):
         return True
@@ -262,7 +267,7 @@ def _is_clock(table: ForeignTable, column: int) -> bool:
 
 
 def _put_only_temperature(places: Places) -> None:
-    """A column `Temperature`, where one sensor alone has no column."""
+    """Assign a column `Temperature` to the arm's only sensor, if that has no column."""
     words = TEMPERATURE[1:]
     candidates = [column for column, header in places.free() if split_unit(header)[0] in words]
     sensors = [name for name in places.arm.sensors if name not in places.column_of]
@@ -271,7 +276,7 @@ def _put_only_temperature(places: Places) -> None:
 
 
 def _put_day(places: Places) -> None:
-    """A column of dates, beside one of times or alone."""
+    """Assign a single column of dates, in addition to times or alone."""
     days = [column for column, header in places.free() if split_unit(header)[0] in DATE]
     if len(days) != 1:
         return
@@ -282,7 +287,7 @@ def _put_day(places: Places) -> None:
 
 
 def _put_target_by_content(places: Places, targets: Sequence[str]) -> None:
-    """The one column whose cells are all names of the artefact's targets."""
+    """Assign the one column whose cells are all names of the artefact's targets."""
     if "target" in places.column_of or not targets:
         return
     fitting = [
@@ -295,7 +300,9 @@ def _put_target_by_content(places: Places, targets: Sequence[str]) -> None:
 
 
 def refuse_missing_joint(places: Places, k: int) -> BadInput:
-    """No column is joint *k*; where the names are in cells, as ROS writes them, it says which."""
+    """Return the error of a missing column for joint *k*, with the names that ROS wrote
+    into cells.
+    """
     table = places.table
     expected = f"a column for joint {k}: --column q{k}=HEADER"
     pairs = [f"{value} is {name}" for value, name in _named_in_cells(table).items()]
@@ -307,8 +314,10 @@ def refuse_missing_joint(places: Places, k: int) -> BadInput:
 
 
 def _named_in_cells(table: ForeignTable) -> dict[str, str]:
-    """Header of a position → its joint's name, as ROS writes it in a column beside it, where that
-    is the same in every row."""
+    """Map the header of a position to its joint's name, as ROS writes it in a column beside it.
+
+    Names that differ between rows are ignored.
+    """
     joint_names = {}
     for column, header in enumerate(table.header):
         like = _ROS_NAME.fullmatch(header)

@@ -1,4 +1,4 @@
-"""Tables of points alone, as an arm's own host writes them: x, y, z, and what was touched."""
+"""Tables of points without joints, as an arm's own host writes them: x, y, z, and the target."""
 
 from __future__ import annotations
 
@@ -23,20 +23,21 @@ ALL = "1"
 
 @dataclass(frozen=True)
 class PointTable:
-    """n measured points."""
+    """A table of n measured points."""
 
     position_mm: F64  # (n, 3)
     target: list[str]
     placement: list[str]
-    time_s: list[float]  # NaN unknown; since *started*, or since nobody knows when
+    time_s: list[float]  # NaN unknown; since *started*, or an unknown instant
     started: datetime.datetime | None
-    remarks: list[str] = field(default_factory=list)  # what was assumed, a sentence each
+    remarks: list[str] = field(default_factory=list)  # assumptions, a sentence each
 
 
 def read_points(path: Path, *, timed: bool = False) -> PointTable:
     """Read a table of points, with their instants if *timed*.
 
-    Raises `BadInput` for a table without x, y, z, or with a cell that is no number."""
+    Raises `BadInput` for a table without x, y, z, or with a cell that is not a number.
+    """
     table = read_table(path)
     remarks = list(table.assumed)
     columns: dict[str, int] = {}
@@ -75,7 +76,7 @@ def read_points(path: Path, *, timed: bool = False) -> PointTable:
 def _times(
     table: ForeignTable, columns: dict[str, int]
 ) -> tuple[list[float], datetime.datetime | None]:
-    """When each point was measured, and since when the seconds count, where that is known."""
+    """Return the time of each point, and the instant from which they count, if it is known."""
     column = columns.get("time_s", columns.get("date"))
     if column is None:
         return [float("nan")] * len(table.rows), None

@@ -1,7 +1,7 @@
-"""`sensor_msgs/JointState` of a ROS 2 bag (MCAP or SQLite) as a table, a row a message.
+"""Reads `sensor_msgs/JointState` of a ROS 2 bag (MCAP or SQLite) as a table, a row a message.
 
-A message is CDR (OMG DDS-XTypes 1.3, 7.4.3): four bytes that say the order of bytes, then each
-number at a multiple of its size.
+A message is CDR (OMG DDS-XTypes 1.3, 7.4.3): four bytes that state the byte order, then each number
+at a multiple of its size.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from armd.terminal.suggest import format_names
 
 KIND = "sensor_msgs/msg/JointState"
 SUFFIXES = (".mcap", ".db3")
-#: What a damaged length asks for.
+#: Errors that a damaged length causes.
 _TOO_LONG = (MemoryError, OverflowError)
 
 
 class RawMessage(NamedTuple):
-    """One as it was recorded."""
+    """A message as it was recorded."""
 
     topic: str
     data: bytes
@@ -35,19 +35,19 @@ class RawMessage(NamedTuple):
 
 @dataclass(frozen=True)
 class JointState:
-    """Angles of one instant."""
+    """The joint angles at one instant."""
 
     stamp_ns: int
     angle_rad: dict[str, float]
 
 
 def is_bag(path: Path) -> bool:
-    """Whether *path* is a bag's file, or its folder."""
+    """Return whether *path* is a bag's file or folder."""
     return path.suffix.lower() in SUFFIXES or has_file(path, "metadata.yaml")
 
 
 def read_bag(path: Path) -> ForeignTable:
-    """All joint states of the one topic that has them; raises `BadInput`."""
+    """Read all joint states of the one topic that has them; raises `BadInput`."""
     files = [path]
     if path.is_dir():
         files = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
@@ -119,7 +119,7 @@ def _of_sqlite(file: Path) -> Iterator[RawMessage]:
 
 
 def _parse(data: bytes) -> JointState:
-    """Header, names and positions; raises `ValueError` or `struct.error`."""
+    """Parse header, names and positions; raises `ValueError` or `struct.error`."""
     cursor = _Cursor(data)
     seconds, nanoseconds = cursor.number("i", 4), cursor.number("I", 4)
     cursor.text()  # frame_id
@@ -132,7 +132,7 @@ def _parse(data: bytes) -> JointState:
 
 
 class _Cursor:
-    """Where reading has come to, counted from behind the four bytes of the encapsulation."""
+    """A reading position, counted from after the four bytes of the encapsulation."""
 
     def __init__(self, data: bytes) -> None:
         if len(data) < 4 or data[0] != 0 or data[1] not in (0, 1):
@@ -141,21 +141,23 @@ class _Cursor:
         self._data, self._offset = data[4:], 0
 
     def number(self, kind: str, size: int) -> float:
-        """One number at a multiple of its *size*."""
+        """Read one number at a multiple of its *size*."""
         self._offset += -self._offset % size
         (value,) = struct.unpack_from(self._order + kind, self._data, self._offset)
         self._offset += size
         return float(value) if kind == "d" else int(value)
 
     def count(self, size: int) -> int:
-        """The length of a sequence of things of *size* or more, which the data have room for."""
+        """Read the length of a sequence of items of at least *size* bytes; raises `ValueError` if
+        too long.
+        """
         length = int(self.number("I", 4))
         if length * size > len(self._data) - self._offset + 8:
             raise ValueError(f"a sequence of {length}")
         return length
 
     def text(self) -> str:
-        """A string, which ends with a zero byte."""
+        """Read a string, which ends with a zero byte."""
         length = self.count(1)
         raw = self._data[self._offset : self._offset + length]
         self._offset += length

@@ -1,4 +1,4 @@
-"""A table of readings as other programs write it: it is detected, and said, how it is to be read.
+"""Reads a table of readings of another program; the form is detected and reported.
 
 CSV of any separator, with a decimal comma or point, in any usual encoding; Excel's .xlsx.
 """
@@ -22,13 +22,13 @@ from armd.compensation.data.foreign.workbook import EXCEL, read_workbook
 from armd.errors import BadInput
 from armd.terminal.suggest import format_names
 
-#: What is read as a table, by the suffix of its name.
+#: Suffixes of files that are read as tables.
 TABLES = (".csv", ".tsv", ".txt", ".xlsx")
 
 
 @dataclass
 class ForeignTable:
-    """Cells as text; a number has a point."""
+    """A table with cells as text; numbers have a decimal point."""
 
     path: Path
     header: list[str]
@@ -37,17 +37,18 @@ class ForeignTable:
     """How it was read: a sentence each."""
 
     def number(self, row: int, column: int) -> float:
-        """A cell's number, NaN where it is missing; raises `BadInput`."""
+        """Return a cell's number, NaN if it is missing; raises `BadInput`."""
         value = parse_number(self.rows[row][column])
         if value is None:
             raise self.fault(row, column, "a number")
         return value
 
     def of_prefix(self, prefix: str) -> ForeignTable:
-        """Without other arms' joints: those columns without *prefix*, and what has no arm's.
+        """Return the table without other arms' joints, and without *prefix* in the names of this
+        arm's.
 
-        An arm's columns are those whose name some other column has behind another beginning.
-        Raises `BadInput` where no column begins so.
+        Columns that belong to no arm are kept. A column belongs to another arm if its name ends
+        like one of this arm's, after another prefix. Raises `BadInput` if no column has the prefix.
         """
         prefix = f"{prefix.rstrip('_')}_"
         arm_columns = {name.removeprefix(prefix) for name in self.header if name.startswith(prefix)}
@@ -67,13 +68,13 @@ class ForeignTable:
         return ForeignTable(self.path, header, rows, self.assumed)
 
     def fault(self, row: int, column: int, expected: str) -> BadInput:
-        """What is wrong with one cell."""
+        """Return an error about one cell."""
         location = f"row {row + 1}, column {self.header[column]}"
         return BadInput(self.path, location, repr(self.rows[row][column]), expected)
 
 
 def read_table(path: Path, sheet: str | None = None) -> ForeignTable:
-    """Raises `BadInput` for what is no table with a header."""
+    """Read a table; raises `BadInput` for anything that is not a table with a header."""
     if path.suffix.lower() in EXCEL:
         cells, assumed = read_workbook(path, sheet)
     elif path.suffix.lower() == ".xls":
@@ -106,7 +107,7 @@ def read_table(path: Path, sheet: str | None = None) -> ForeignTable:
 
 
 def has_file(folder: Path, name: str | Path) -> bool:
-    """Whether *folder* is one with this file in it; a name too long for any is none."""
+    """Return whether *folder* is a folder with this file; False for a name that is too long."""
     with suppress(OSError):
         return (folder / name).is_file()
     return False
@@ -119,8 +120,11 @@ def _without_header(path: Path, begin: int, row: Sequence[str]) -> BadInput:
 
 
 def _header(cells: Cells) -> int | None:
-    """The line, from 0, of the header: above the first line of numbers the one with most cells, for
-    a program may write its name or a date above it; without such a line the first of several."""
+    """Return the line of the header, counted from 0, or None.
+
+    It is the line with most cells above the first line of numbers, because a program may write its
+    name or a date above it. Without a line of numbers it is the first line with several cells.
+    """
     lines = {i: row for i, row in enumerate(cells) if sum(map(bool, row)) > 1}
     numbers = next((i for i, row in lines.items() if sum(map(is_number, row)) > 1), None)
     above = {i: row for i, row in lines.items() if numbers is not None and i < numbers}
@@ -130,7 +134,7 @@ def _header(cells: Cells) -> int | None:
 def _with_units(
     path: Path, header: list[str], cells: Cells, first: int, assumed: list[str]
 ) -> tuple[list[str], int]:
-    """The header with the units of the line below it, if that is one of units, and the first row.
+    """Return the header with the units of the line below it, if there are any, and the first row.
 
     Raises `BadInput` for a line there that is neither units nor a reading.
     """

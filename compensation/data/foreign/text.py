@@ -1,4 +1,4 @@
-"""The cells of a table as text: its encoding and what separates its columns, detected."""
+"""Reads the cells of a table as text; its encoding and its separator are detected."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from armd.compensation.data.foreign.cells import (
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 
-#: Excel's own limit is a million rows; a person's table of readings has some thousand.
+#: The largest file: Excel's own limit is a million rows, and tables of readings have some thousand.
 MOST_BYTES = 64 << 20
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "vertical bars"}
 SPACES = {r"\s{2,}": "two spaces or more", r"\s+": "spaces"}
-#: Of so many lines columns are counted to see what separates them.
+#: The number of lines whose columns are counted to detect the separator.
 MOST_LOOKED_AT = 1000
-#: What numpy puts before a header.
+#: The mark that numpy writes before a header.
 COMMENT = re.compile(r"^\s*[#%]\s+(?=\S)|^\s*#(?=\S)")
 
 
 def read_text(path: Path) -> tuple[Cells, list[str]]:
-    """Rows of stripped cells, and how they were read, a sentence each; raises `BadInput`."""
+    """Return rows of stripped cells, and how they were read, a sentence each; raises `BadInput`."""
     text, assumed = _decoded(path)
     lines = [line for line in text.splitlines() if line.strip()]
     separator = max(SEPARATORS, key=lambda mark: _how_well(lines, mark))
@@ -41,7 +41,8 @@ def read_text(path: Path) -> tuple[Cells, list[str]]:
     if widest > MOST_COLUMNS:
         raise BadInput(path, "the table", f"{widest} columns", f"{MOST_COLUMNS} at most")
     spaces = max(SPACES, key=lambda mark: _share_of_numbers(lines, mark))
-    # Of two kinds of spaces alike, names of several words stay whole.
+    # If both kinds of spaces fit equally, two or more are used, so that names of several words stay
+    # whole.
     by_spaces = _share_of_numbers(lines, spaces) > _share_of_numbers(lines, re.escape(separator))
     if by_spaces:
         assumed.append(f"columns are separated by {SPACES[spaces]}")
@@ -79,9 +80,10 @@ def _decoded(path: Path) -> tuple[str, list[str]]:
 
 
 def _how_well(lines: Sequence[str], mark: str) -> tuple[int, bool, int]:
-    """How well *mark* separates these lines: how many of them alike, and into how many columns.
+    """Return how well *mark* separates these lines: the number of equal lines, and of their
+    columns.
 
-    The header counts too: a decimal comma stands in every row, and not there.
+    The header counts, too: a decimal comma occurs in every row, but not there.
     """
     counts = Counter(line.count(mark) for line in lines if mark in line)
     often, lines_alike = max(counts.items(), key=lambda item: item[1], default=(0, 0))
@@ -89,7 +91,10 @@ def _how_well(lines: Sequence[str], mark: str) -> tuple[int, bool, int]:
 
 
 def _share_of_numbers(lines: Sequence[str], pattern: str) -> float:
-    """Of the cells that *pattern* separates, in lines with as many as most; 0 of one column."""
+    """Return the share of numbers among the cells that *pattern* separates; 0 for a single column.
+
+    Only lines with the most frequent number of cells count.
+    """
     rows = [_split(line, pattern) for line in lines[:MOST_LOOKED_AT]]
     columns, _ = Counter(map(len, rows)).most_common(1)[0] if rows else (1, 0)
     if columns == 1:

@@ -1,4 +1,4 @@
-"""When each row was read: seconds, Unix time, dates with times, times of a day."""
+"""Reads the time of each row: seconds, Unix time, dates with times, times of a day."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from armd.compensation.data.foreign.table import ForeignTable
 from armd.compensation.data.foreign.words import MISSING, TIMES
 from armd.errors import BadInput
 
-#: Seconds since 1970 of September 2001 and of 2100: no measurement lasts so long.
+#: Unix time of September 2001 and of 2100, s: no elapsed time is so long.
 EPOCH_S = (10**9, 4_102_444_800)
-#: Unix time in other units, by the size of its numbers.
+#: Units of Unix time, by the size of its numbers.
 PARTS = {1: "s", 10**3: "ms", 10**6: "µs", 10**9: "ns"}
 DAY_S = 86400
-#: What is said of times of a day, which no date tells from those of another day.
+#: The description of times of a day, to which no date belongs.
 OF_A_DAY = ", in times of a day: seconds since the first"
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d{1,18})?))?\s*([ap]m)?", re.IGNORECASE)
 _DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})")
@@ -28,7 +28,7 @@ _SLASHES = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})")
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds of each row, NaN missing, since *started* where the table has dates."""
+    """Seconds of each row, NaN if missing, since *started* if the table has dates."""
 
     seconds: list[float]
     started: datetime.datetime | None
@@ -38,10 +38,10 @@ class Times:
 def read_times(
     table: ForeignTable, column: int, unit: str, day: int | None, since: datetime.datetime | None
 ) -> Times:
-    """Of the cells of *column*, with the dates of another column, *day*, if there is one.
+    """Read times from the cells of *column*, and dates from the column *day*, if there is one.
 
-    *since*: what the seconds count from where rows have dates; without it the first of them.
-    Raises `BadInput`.
+    *since* is the instant from which the seconds count if rows have dates; by default it is the
+    earliest date. Raises `BadInput`.
     """
     cells = [row[column] for row in table.rows]
     if day is not None:
@@ -108,7 +108,7 @@ def _of_dates(
 
 
 def _instant(cell: str) -> datetime.datetime | None:
-    """A date with a time of the day; None for what is none, or may be two."""
+    """Return a date with a time of the day; None for anything else, or if it is ambiguous."""
     text = cell.strip().replace("/", "-") if re.match(r"\d{4}/", cell) else cell.strip()
     if ours := _DAY_FIRST.match(text):
         text = f"{ours[3]}-{int(ours[2]):02}-{int(ours[1]):02}{text[ours.end() :]}"
@@ -137,7 +137,7 @@ def _instant(cell: str) -> datetime.datetime | None:
 
 
 def _of_clock(cells: Sequence[str]) -> Times:
-    """Times of the day, which may pass midnight: seconds since the first."""
+    """Convert times of the day, which may pass midnight, to seconds since the first."""
     seconds: list[float] = []
     first: Fraction | None = None
     last, days = Fraction(0), 0
@@ -157,7 +157,7 @@ def _of_clock(cells: Sequence[str]) -> Times:
 
 
 def _since(instants: Sequence[Fraction | None], since: datetime.datetime | None, how: str) -> Times:
-    """Seconds since *since*, or the earliest of *instants* (Unix time)."""
+    """Convert *instants* (Unix time) to seconds since *since*, or since the earliest of them."""
     given_instants = [instant for instant in instants if instant is not None]
     if not given_instants:
         return Times([float("nan")] * len(instants), None, "")
@@ -173,7 +173,7 @@ def _since(instants: Sequence[Fraction | None], since: datetime.datetime | None,
 
 
 def check_unit(table: ForeignTable, column: int, unit: str) -> None:
-    """Raises `BadInput` for a unit that no time has."""
+    """Raise `BadInput` for a unit that is no unit of time."""
     if unit and unit not in TIMES:
         location = f"column {table.header[column]}"
         raise BadInput(table.path, location, f"the unit {unit!r}", f"one of {', '.join(TIMES)}")

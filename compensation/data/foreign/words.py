@@ -1,4 +1,4 @@
-"""What columns of tables are called, in small letters: one list for readings and for joints.
+"""Names of columns in tables, in small letters: one list for readings and for joints.
 
 A header is a word and a unit: `Joint 1 [deg]`, `q1_deg`, `actual_q[0]`, `T (°C)`.
 """
@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-#: What a value is multiplied by, in the unit of a session.
+#: The unit of a session, and the factor to it.
 ANGLES: dict[str, tuple[str, float]] = {
     **dict.fromkeys(("deg", "degs", "°", "degree", "degrees"), ("deg", 1.0)),
     **dict.fromkeys(("rad", "rads", "radian", "radians"), ("rad", 1.0)),
@@ -32,23 +32,23 @@ TIMES = {
     "min": 60.0,
     "h": 3600.0,
 }
-#: What a value is multiplied by, and what is added after.
+#: The factor to °C, and the number that is added afterwards.
 TEMPERATURES = {
     **dict.fromkeys(("c", "°c", "degc", "celsius", "℃"), (1.0, 0.0)),
     **dict.fromkeys(("f", "°f", "degf", "fahrenheit"), (5 / 9, -160 / 9)),
     **dict.fromkeys(("k", "kelvin"), (1.0, -273.15)),
 }
-#: The first is a session's own.
+#: Factors to the first unit, which is that of a session.
 RATES = {
     "rad/s": 1.0,
     **dict.fromkeys(("deg/s", "°/s"), math.pi / 180),
     **dict.fromkeys(("rpm", "1/min", "rev/min"), math.tau / 60),
 }
-#: Units that stand for a number alone; "grad" is a degree in German and 0.9 of one elsewhere.
+#: Units of plain numbers; "grad" is not listed: a degree in German, 0.9 of one elsewhere.
 UNITLESS = ("-", "1", "none", "n/a", "[]", "unitless")
 UNITS = {*ANGLES, *LENGTHS, *TIMES, *TEMPERATURES, *RATES}
 
-#: Cells of what is not known.
+#: Cells that mean a missing value.
 MISSING = (
     "", "nan", "na", "n/a", "n.a.", "-", "--", "–", "—", "null", "none", "#n/a", "#nv", "#n/v",
     "<na>", "nat",
@@ -75,7 +75,7 @@ _KINDS = {
 _PART = "|".join(sorted(map(re.escape, _KINDS), key=len, reverse=True))
 _PARTS = re.compile(f"(?:{_PART})*")
 
-#: A joint's key in arm.toml → what a table with a row per joint calls it.
+#: The names that a table with a row per joint uses for a joint's key in arm.toml.
 OF_A_JOINT = {
     "theta_deg": ("theta", "angle", "jointangle", "q", "winkel"),
     "d_mm": ("d", "linkoffset", "jointdistance"),
@@ -87,14 +87,14 @@ OF_A_JOINT = {
     "counts_per_turn": ("countsperturn", "countsperrev", "countsperrevolution", "cpr", "counts"),
     "temperature": (*TEMPERATURE[1:], "sensor"),
 }
-#: A column that only counts the joints.
+#: Names of a column that only numbers the joints.
 NUMBERS = (
     "", "no", "nr", "number", "i", "k", "n", "row", "name", "frame", "joints", *JOINT[:-1],
     "jointno", "linkno", "jointname",
 )  # fmt: skip
 GREEK = str.maketrans({"θ": "theta", "ϑ": "theta", "α": "alpha", "β": "beta", "ω": "omega"})
 
-#: One column alone of a table of readings.
+#: Names that one column of a table of readings may have.
 TIME = (
     "time", "t", "zeit", "seconds", "timestamp", "stamp", "elapsed", "elapsedtime", "epoch",
     "unixtime", "unix", "datetime", "dateandtime", "zeitstempel", "times",
@@ -114,7 +114,7 @@ WORDS = {
     ),
 }  # fmt: skip
 
-#: Joints of known arms by name, base to wrist: LeRobot's, Universal Robots', Interbotix's.
+#: Joint names of known arms, base to wrist: LeRobot's, Universal Robots', Interbotix's.
 NAMED_JOINTS = (
     ("shoulderpan", "shoulderlift", "elbowflex", "wristflex", "wristroll"),
     ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
@@ -128,15 +128,20 @@ _AROUND_NAMES = re.compile(
 
 @dataclass(frozen=True)
 class Numbered:
-    """A header such as `actual_q_0`: what it is of which joint or sensor, among its like."""
+    """The meaning of a header such as `actual_q_0`: quantity, number of joint or sensor, and
+    family.
+    """
 
     kind: Kind
     number: int
-    family: str  # the header without its number: columns of one family count alike
+    family: str  # the header without its number; one family has one numbering
 
 
 def split_unit(header: str) -> tuple[str, str]:
-    """`Joint 1 [deg]`, `q1_deg`, `X (in)` as a bare word and a unit, both in small letters."""
+    """Split a header such as `Joint 1 [deg]`, `q1_deg` or `X (in)` into a bare word and a unit.
+
+    Both are in small letters.
+    """
     text = header.translate(GREEK).lower().strip()
     *words, last = re.split(r"[ _.]+", text)
     unit = ""
@@ -151,7 +156,9 @@ def split_unit(header: str) -> tuple[str, str]:
 
 
 def parse_numbered(word: str) -> Numbered | None:
-    """What the bare *word* says of a joint or sensor that it counts; None for any other word."""
+    """Return the meaning of a bare *word* that numbers a joint or sensor; None for any
+    other word.
+    """
     parts = re.fullmatch(r"([a-zäöü]*?)(\d{1,3})([a-zäöü]*)", word)  # no arm has a thousand
     if parts is None or not parts[1] + parts[3]:
         return None
@@ -175,14 +182,18 @@ def parse_numbered(word: str) -> Numbered | None:
 
 
 def find_joint_name(header: str) -> str:
-    """`observation.state.shoulder_pan.pos` as `shoulderpan`; what has no such name as it stands."""
+    """Return the joint's name in a header: `observation.state.shoulder_pan.pos` gives
+    `shoulderpan`.
+
+    A header without such a name is returned as a bare word.
+    """
     word, _ = split_unit(header)
     bare = _AROUND_NAMES.fullmatch(word)
     return bare[1] if bare else word
 
 
 def drop_temperature(word: str) -> str:
-    """`servo2temp`, `tempservo2` as `servo2`."""
+    """Drop the word for temperature: `servo2temp` and `tempservo2` give `servo2`."""
     for part in sorted(TEMPERATURE[1:], key=len, reverse=True):
         if word.removeprefix(part) != word or word.removesuffix(part) != word:
             return word.removeprefix(part).removesuffix(part)

@@ -1,7 +1,7 @@
-"""The cells of one sheet of an Excel workbook, all that are there, within limits.
+"""Reads all cells of one sheet of an Excel workbook, within limits.
 
-A workbook is a zip of XML that others have written: what it would unpack to is looked at first, for
-a cell of hundreds of megabytes may come in some hundred kilobytes.
+A workbook is a zip of foreign XML. Its unpacked size is checked first, because some hundred
+kilobytes may unpack to a cell of hundreds of megabytes.
 """
 
 from __future__ import annotations
@@ -26,16 +26,17 @@ from armd.terminal.suggest import format_names, suggest_names
 
 EXCEL = (".xlsx", ".xlsm")
 MOST_BYTES = 64 << 20
-#: Of XML, all parts together: a million readings of ten columns take some 300 MB.
+#: The most bytes of XML in all parts: a million readings of ten columns take some 300 MB.
 MOST_UNPACKED = 1 << 29
 MOST_PARTS = 10_000
-#: Between two brackets of XML: a cell's text, with letters of four bytes and escaped ones.
+#: The most bytes between two brackets of XML: a cell's text, with letters of four bytes and escaped
+#: ones.
 MOST_TEXT = 8 * MOST_LETTERS
 _BLOCK = 1 << 18
 
 
 def read_workbook(path: Path, sheet: str | None) -> tuple[Cells, list[str]]:
-    """Rows of stripped cells, and what was assumed, a sentence each; raises `BadInput`."""
+    """Return rows of stripped cells, and the assumptions, a sentence each; raises `BadInput`."""
     try:
         import openpyxl
     except ImportError as error:
@@ -65,11 +66,11 @@ def read_workbook(path: Path, sheet: str | None) -> tuple[Cells, list[str]]:
     except Exception as error:
         raise _no_workbook(path, error) from error
     check_size(path, cells)
-    return use_points(cells, assumed), assumed  # as text a cell keeps the comma it came with
+    return use_points(cells, assumed), assumed  # a cell of text keeps its decimal comma
 
 
 def _rows(path: Path, sheet: Any) -> Iterator[list[str]]:
-    """Whatever the sheet says of its size, of which other programs write anything."""
+    """Yield the rows, ignoring the size that the sheet states, which may be wrong."""
     sheet.reset_dimensions()
     count = 0
     for row in sheet.iter_rows(values_only=True):
@@ -94,7 +95,7 @@ def _no_workbook(path: Path, error: Exception) -> BadInput:
 
 
 def _check_parts(path: Path, content: bytes) -> None:
-    """Raises `BadInput` for a workbook that unpacks to more than any person's."""
+    """Raise `BadInput` for a workbook that unpacks to an implausible size."""
     with zipfile.ZipFile(io.BytesIO(content)) as parts:
         listed = parts.infolist()
         if len(listed) > MOST_PARTS:
@@ -110,7 +111,7 @@ def _check_parts(path: Path, content: bytes) -> None:
 
 
 def _check_xml(path: Path, name: str, xml: Any) -> None:
-    """No declaration of entities, and no text between brackets longer than a cell's."""
+    """Raise `BadInput` for a declaration of entities, and for text longer than a cell's."""
     since = 0
     before = b""
     while block := xml.read(_BLOCK):

@@ -14,23 +14,23 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import compute_motion_directions
 from armd.errors import BadInput
 
-if TYPE_CHECKING:  # Arrow, which names of columns do not need
+if TYPE_CHECKING:  # Arrow is not needed for names of columns
     from armd.compensation.data.tables.readings import Readings
 
-MemoryOrder = Literal["C", "F"]  # of an array in memory: rows in one piece, or columns
+MemoryOrder = Literal["C", "F"]  # of an array in memory: by rows, or by columns
 
 APPROACH = ["approach_x", "approach_y", "approach_z"]
 TRUTH = ["x_mm", "y_mm", "z_mm"]
 QUATERNION = ["qx", "qy", "qz", "qw"]
 ROLL_PITCH_YAW = ["rx_deg", "ry_deg", "rz_deg"]
 
-# Beyond these a number is taken for one in another unit, not for a measurement.
+# A number beyond these limits has another unit, and is no measurement.
 MOST_TURNS = 10.0
 MOST_SECONDS = 10 * 365 * 86400.0
 LEAST_C, MOST_C = -60.0, 150.0
 MOST_RATE_RAD_S = 100.0
 MOST_MM = 1e6
-#: Rows whose Jacobians are held in memory at once.
+#: The number of rows whose Jacobians are in memory at once.
 CHUNK = 1 << 16
 
 
@@ -42,8 +42,10 @@ def read_angles(
     missing_allowed: bool = False,
     order: MemoryOrder = "C",
 ) -> F64:
-    """Encoder angles (n, N) in rad, signed as they stand; counts by `direction` and turn. *order*:
-    of the array in memory."""
+    """Read encoder angles (n, N) in rad; counts are converted by `direction` and counts per turn.
+
+    *order* is that of the array in memory.
+    """
     q = np.empty((readings.n, arm.n_joints), order=order)
     for k, joint in enumerate(arm.joint):
         name = f"q{k + 1}"
@@ -58,7 +60,7 @@ def read_angles(
         else:
             turn, scale = (math.tau, 1.0) if unit == "rad" else (360.0, math.radians(1.0))
         np.multiply(scale, values, out=q[:, k])
-        # Unwrapped counts may stand a turn or two off; more than that is another unit.
+        # Unwrapped counts may be a turn or two off; more means another unit.
         low, high = joint.min_deg, joint.max_deg
         low = -360.0 * MOST_TURNS if low is None else low - 720.0
         high = 360.0 * MOST_TURNS if high is None else high + 720.0
@@ -74,9 +76,9 @@ def read_angles(
 
 
 class LikeRadians:
-    """Refuses angles in another unit that all lie within 2π, as they would in radians.
+    """A check that refuses angles in another unit that all lie within 2π, as they would in radians.
 
-    Asked of a whole file: an arm may rest near zero for as long as a piece of it lasts.
+    It judges a whole file, because an arm may rest near zero throughout a piece.
     """
 
     def __init__(self, arm: Arm, unit: AngleUnit) -> None:
@@ -88,7 +90,7 @@ class LikeRadians:
         self._fault: BadInput | None = None
 
     def take(self, readings: Readings, q: F64) -> None:
-        """The next rows, and their angles (n, N) rad."""
+        """Add the next rows, and their angles (n, N) rad."""
         if self._unit == "rad":
             return
         complete = q[np.isfinite(q).all(axis=1)]
@@ -104,14 +106,14 @@ class LikeRadians:
             self._fault = readings.fault(0, "q1", first, expected)
 
     def judge(self) -> None:
-        """At the end of the file."""
+        """Raise `BadInput` at the end of the file if the angles look like radians."""
         alike = (self._turn >= 300) & (self._largest <= math.tau)
         if self._fault is not None and self._rows >= 10 and alike.all():
             raise self._fault
 
 
 def read_temperatures(readings: Readings, sensors: list[str], order: MemoryOrder = "C") -> F64:
-    """Columns of °C (n, S); NaN where a value or the whole column is missing."""
+    """Read columns of °C (n, S); NaN where a value or the whole column is missing."""
     columns = np.empty((readings.n, len(sensors)), order=order)
     for s, name in enumerate(sensors):
         if not readings.has(name):
@@ -127,7 +129,9 @@ def read_temperatures(readings: Readings, sensors: list[str], order: MemoryOrder
 
 
 def read_times(readings: Readings) -> F64:
-    """Seconds since `started` (n,); all NaN where the whole column is empty: nobody knows when."""
+    """Read seconds since `started` (n,); all are NaN (time unknown) if the whole column
+    is empty.
+    """
     time_s = readings.number("time_s")
     if not np.isnan(time_s).all():
         time_s = readings.required("time_s")
@@ -137,7 +141,7 @@ def read_times(readings: Readings) -> F64:
 
 
 def list_number_columns(arm: Arm) -> list[str]:
-    """The columns of numbers that readings of this arm may have."""
+    """List the columns of numbers that readings of this arm may have."""
     joints = range(1, arm.n_joints + 1)
     angle_and_rate = [f"{letter}{k}" for letter in "qw" for k in joints]
     truth = [*TRUTH, *QUATERNION, *ROLL_PITCH_YAW]
@@ -145,7 +149,7 @@ def list_number_columns(arm: Arm) -> list[str]:
 
 
 def read_rates(readings: Readings, n_joints: int) -> F64:
-    """Joint rates (n, N) in rad/s; NaN where a value or the whole column is missing."""
+    """Read joint rates (n, N) in rad/s; NaN where a value or the whole column is missing."""
     rate = np.full((readings.n, n_joints), np.nan)
     for k in range(n_joints):
         name = f"w{k + 1}"
@@ -159,9 +163,9 @@ def read_rates(readings: Readings, n_joints: int) -> F64:
 def read_approaches(
     readings: Readings, arm: Arm, q: F64, rate: F64, *, from_motion: bool = True
 ) -> F64:
-    """Unit vectors (n, 3): as given, otherwise the tip's direction of motion, otherwise NaN.
+    """Read unit vectors (n, 3): as given, else the tip's direction of motion, else NaN.
 
-    Without *from_motion*, for a model that no approach concerns, those alone that are given.
+    Without *from_motion*, for a model without approaches, only given vectors are returned.
     """
     rated = any(readings.has(f"w{k}") for k in range(1, arm.n_joints + 1))
     if not (rated and from_motion) and not any(map(readings.has, APPROACH)):
@@ -182,7 +186,9 @@ def read_approaches(
 
 
 def read_truths(readings: Readings) -> F64:
-    """Where the tip stood (n, 3) mm in the placement's frame; NaN where the target tells."""
+    """Read the tip's positions (n, 3) mm in the placement's frame; NaN where the target defines
+    them.
+    """
     truth = _three(readings, TRUTH)
     for i, name in enumerate(TRUTH):
         values = truth[:, i]
@@ -193,7 +199,7 @@ def read_truths(readings: Readings) -> F64:
 
 
 def _three(readings: Readings, names: list[str]) -> F64:
-    """Three columns that are all there or all absent, row by row and as columns; NaN absent."""
+    """Read three columns that are all present or all absent, also row by row; NaN if absent."""
     if not any(readings.has(name) for name in names):
         return np.full((readings.n, 3), np.nan)
     columns = [readings.number(name) for name in names]

@@ -13,7 +13,7 @@ READINGS = ("readings.csv", "readings.parquet")
 
 
 def check_is_session(folder: Path) -> None:
-    """Raises `BadInput` for what is no session's folder, and says where one is nearby."""
+    """Raise `BadInput` for anything but a session's folder, and suggest one nearby."""
     expected = "a folder with session.toml and readings.csv"
     if not folder.is_dir():
         actual = "a file" if folder.exists() else "nothing"
@@ -43,7 +43,7 @@ def check_is_session(folder: Path) -> None:
 
 
 def find_readings(folder: Path) -> Path:
-    """The table of readings in a session's folder; raises `BadInput` if there is not one."""
+    """Return the table of readings in a session's folder; raises `BadInput` unless there is one."""
     present = [folder / name for name in READINGS if (folder / name).exists()]
     if len(present) != 1:
         actual = "both" if present else "neither"

@@ -1,4 +1,4 @@
-"""`session.toml`: which arm was measured, when, and on which artefact."""
+"""The file `session.toml`: which arm was measured, when, and on which artefact."""
 
 from __future__ import annotations
 
@@ -24,14 +24,15 @@ from armd.compensation.model.arm import Vector3
 from armd.files.schema import Strict
 from armd.terminal.suggest import suggest_names
 
-#: What a certified length may be off the certified positions, beside their uncertainties.
+#: The largest difference between a certified length and the certified positions, in addition to
+#: their uncertainties.
 CONTRADICTION_MM = 1.0
 
-#: Beyond these an instant is no measurement's, and years from then on have no calendar here.
+#: Years of plausible instants; the calendar here ends with them.
 FIRST_YEAR, LAST_YEAR = 1970, 2200
 
-#: Targets whose names say which test of `armd verify` they belong to (docs/how-to/verify.md): what
-#: is touched there needs no entry of its own, for nothing is known of it.
+#: Names of targets that belong to a test of `armd verify` (docs/how-to/verify.md). They need no
+#: entry, because nothing is known of these points.
 OF_A_VERIFICATION = re.compile(
     r"SPHERE[12]\..+|SPHERE\.[ab]|LDIA\.[1-5]\..+|L[0-5]|EFFDIA\.[1-3]\..+|SPAT[123]|BAR[SL]\.[ab]"
 )
@@ -42,7 +43,7 @@ Name = Annotated[str, Field(min_length=1)]
 
 
 def _is_day(text: str) -> str:
-    """*text*, if it is a day of the calendar; raises `ValueError` with what is expected."""
+    """Return *text* if it is a day of the calendar; raises `ValueError` with what is expected."""
     try:
         datetime.date.fromisoformat(text)
     except ValueError:
@@ -50,7 +51,7 @@ def _is_day(text: str) -> str:
     return text
 
 
-#: A day as text; TOML's own dates are taken too.
+#: A day as text; TOML's own dates are accepted, too.
 Day = Annotated[
     str,
     BeforeValidator(lambda day: day.isoformat() if type(day) is datetime.date else day),
@@ -59,14 +60,17 @@ Day = Annotated[
 
 
 def check_instant(instant: datetime.datetime) -> datetime.datetime:
-    """*instant*, if somebody can have measured then; raises `ValueError` with what is expected."""
+    """Return *instant* if it is a plausible time of a measurement; raises `ValueError` otherwise.
+
+    The error states what is expected.
+    """
     if not FIRST_YEAR <= instant.year <= LAST_YEAR:
         raise ValueError(f"an instant of the years {FIRST_YEAR} to {LAST_YEAR}")
     return instant
 
 
 def is_documented(name: str) -> bool:
-    """Whether it is a name that `armd verify` knows."""
+    """Return whether `armd verify` knows this name."""
     return OF_A_VERIFICATION.fullmatch(name) is not None
 
 
@@ -87,7 +91,7 @@ class Distance(Strict):
 
 
 class Surface(Strict):
-    """A surface of unknown place, which the tip touches from outside wherever somebody likes."""
+    """A surface of unknown pose, which the tip touches from outside at any points."""
 
     name: Name
     kind: SurfaceKind
@@ -102,7 +106,7 @@ class Surface(Strict):
 
 
 def _of_distances(artefact: dict[str, Any]) -> list[Target]:
-    """Targets that no list names: those that the distances of *artefact* are between."""
+    """Return the targets between which the distances of *artefact* are, if it lists no targets."""
     distances: list[Distance] = artefact.get("distances", [])
     surfaces = {surface.name for surface in artefact.get("surfaces", [])}
     names = dict.fromkeys(name for distance in distances for name in distance.between)
@@ -110,7 +114,7 @@ def _of_distances(artefact: dict[str, Any]) -> list[Target]:
 
 
 class Artefact(Strict):
-    """What the tip was put to. Positions hold at the artefact's reference temperature."""
+    """The measured object; positions hold at its reference temperature."""
 
     name: Name
     certificate: Name | None = None  # number of the certificate its positions come from
@@ -124,7 +128,7 @@ class Artefact(Strict):
     @field_validator("targets", mode="after")
     @classmethod
     def _with_ends(cls, targets: list[Target], info: ValidationInfo) -> list[Target]:
-        """With the ends of distances that a verification's names are, where the list lacks them."""
+        """Add ends of distances with a verification's names, if the list lacks them."""
         listed = {target.name for target in targets}
         listed |= {surface.name for surface in info.data.get("surfaces", [])}
         ends = [target.name for target in _of_distances(info.data)]
@@ -148,7 +152,9 @@ class Artefact(Strict):
         return self
 
     def _between_planes(self, i: int, distance: Distance) -> bool:
-        """Whether it is a gauge block's length; raises `ValueError` for a point and a surface."""
+        """Return whether it is a gauge block's length; raises `ValueError` for a point and a
+        surface.
+        """
         kinds = [self.surface_kinds.get(name) for name in distance.between]
         if kinds == [None, None]:
             return False
@@ -161,7 +167,9 @@ class Artefact(Strict):
         return True
 
     def _agrees(self, i: int, distance: Distance) -> None:
-        """One certificate says a length once: between two certified positions, and as a length."""
+        """Raise `ValueError` if a certified length contradicts the certified positions of
+        its ends.
+        """
         if self._between_planes(i, distance):
             return
         ends = [self.targets[self.target_names.index(name)] for name in distance.between]
@@ -185,25 +193,25 @@ class Artefact(Strict):
 
     @property
     def target_names(self) -> list[str]:
-        """What a reading's `target` may be."""
+        """The names that a reading's `target` may have."""
         return [entry.name for entry in self.entries]
 
     @property
     def surface_kinds(self) -> dict[str, SurfaceKind]:
-        """Kind of each surface by its name."""
+        """The kind of each surface by its name."""
         return {surface.name: surface.kind for surface in self.surfaces}
 
     def with_documented(self, names: Iterable[str]) -> Artefact:
-        """Itself, and those of *names* that a verification's readings have, as unknown points."""
+        """Return the artefact with those of *names* that a verification uses, as unknown points."""
         listed = set(self.target_names)
         new = [Target(name=name) for name in names if name not in listed and is_documented(name)]
         return self.model_copy(update={"targets": [*self.targets, *new]}) if new else self
 
     def positions_mm(self) -> F64:
-        """Certified positions (K, 3) mm; NaN where a target is an unknown seat.
+        """Return the certified positions (K, 3) mm; NaN where a target is an unknown seat.
 
-        Of a surface, which has a frame of its own, the third coordinate is its radius or, of a
-        plane, its height there: 0 for one that no certified length ties to another.
+        A surface has a frame of its own. Its third coordinate is its radius or, for a plane, its
+        height there: 0 for one that no certified length ties to another.
         """
         unknown = (np.nan, np.nan, np.nan)
         tied = {name for distance in self.distances for name in distance.between}
@@ -214,7 +222,9 @@ class Artefact(Strict):
         return np.array(rows, dtype=float).reshape(-1, 3)
 
     def uncertainties_mm(self) -> F64:
-        """Standard uncertainties (K,) mm per axis of the certified positions; of radii."""
+        """Return standard uncertainties (K,) mm per axis of the certified positions, and
+        of radii.
+        """
         round_ = [s.standard_uncertainty_mm * (s.kind != "plane") for s in self.surfaces]
         return np.array([*(target.standard_uncertainty_mm for target in self.targets), *round_])
 
@@ -230,14 +240,14 @@ def _with_targets(artefact: Artefact) -> Artefact:
 
 
 class ArtefactFile(Strict):
-    """The content of an artefact's file: the table `[artefact]` of session.toml, alone."""
+    """The content of an artefact's file: the table `[artefact]` of session.toml by itself."""
 
     schema_: Annotated[Literal["armd.artefact/1"], Field(alias="schema")] = "armd.artefact/1"
     artefact: Annotated[Artefact, AfterValidator(_with_targets)]
 
 
 class Reflector(Strict):
-    """A reflector whose place in the last frame is known."""
+    """A reflector with a known position in the last frame."""
 
     name: Name
     offset_mm: Vector3

@@ -1,4 +1,4 @@
-"""Columns that say how a measured body is turned in its placement's frame."""
+"""Columns for the orientation of a measured body in its placement's frame."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from armd.compensation.data.sessions.columns import QUATERNION, ROLL_PITCH_YAW
 from armd.compensation.data.tables.readings import Readings
 from armd.errors import BadInput
 
-#: A quaternion of another length than 1 by more than this is none.
+#: A quaternion's length may differ from 1 by at most this.
 MOST_OFF = 0.01
 
 
 def read_orientations(readings: Readings) -> F64 | None:
-    """Rotations (n, 3, 3) of the measured body into the placement's frame, NaN without one.
+    """Read rotations (n, 3, 3) of the measured body into the placement's frame, NaN if missing.
 
-    `qx, qy, qz, qw`, or URDF's roll, pitch and yaw in degrees: Rz(yaw)·Ry(pitch)·Rx(roll). None
-    without such columns; raises `BadInput`.
+    The columns are `qx, qy, qz, qw`, or URDF's roll, pitch and yaw in degrees:
+    Rz(yaw)·Ry(pitch)·Rx(roll). Returns None without such columns; raises `BadInput`.
     """
     groups = [names for names in (QUATERNION, ROLL_PITCH_YAW) if any(map(readings.has, names))]
     if not groups:

@@ -1,4 +1,4 @@
-"""Refuse surfaces and reflectors where a command takes points of one tip alone."""
+"""Refuses surfaces and reflectors where a command accepts only points of one tip."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.data.sessions.session import Session
 from armd.errors import BadInput
 
-#: Of each command that takes points of one tip alone: why, and what to use.
+#: For commands that accept only points of one tip: the reason, and an alternative.
 INSTEAD = {
     "`armd design`": "it chooses a posture at a point, and how far a surface extends no file"
     " states; touch it wherever the arm reaches it, 40 times in each placement, and `armd"

@@ -1,7 +1,7 @@
 """A session: a folder of measured data, read strictly.
 
-`session.toml` says which arm and which artefact, `readings.csv` (or `readings.parquet`) has one
-row per reading. Whatever does not fit is refused with file, row, column, found and expected.
+`session.toml` names the arm and the artefact; `readings.csv` (or `readings.parquet`) has one row
+per reading. Anything that does not fit is refused with file, row, column, found and expected.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ from armd.printable import to_printable
 from armd.terminal.suggest import suggest_names
 
 TEXTS = ["placement", "target", "reflector"]
-#: Of a piece's arrays in memory: what is asked of whole columns is several times faster so.
+#: The memory order of a piece's arrays; operations on whole columns are several times faster in it.
 PIECES_ORDER: MemoryOrder = "F"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Session:
-    """Readings of one arm on one artefact, checked; arrays have one row per reading."""
+    """Checked readings of one arm on one artefact; arrays have one row per reading."""
 
     path: Path
     name: str
@@ -64,15 +64,15 @@ class Session:
     placement: I64  # (n,) index into placement_names
     placement_names: list[str]
     target: I64  # (n,) index into artefact.targets
-    truth_mm: F64  # (n, 3) in the placement's frame; NaN where the target's position counts
+    truth_mm: F64  # (n, 3) in the placement's frame; NaN where the target's is used
     artefact_c: F64  # (n,) °C, NaN missing
     unused_columns: list[str]
     row: I64  # (n,) of the table, from 0
-    lost: tuple[str, ...] = ()  # sensors that show nothing; their values are what the others tell
-    lost_links: tuple[int, ...] = ()  # links (from 1) that such a sensor spoke for
+    lost: tuple[str, ...] = ()  # stuck or silent sensors; their values come from the others
+    lost_links: tuple[int, ...] = ()  # links (from 1) that depend on such a sensor
     operator: str | None = None
     artefact_before_c: float = np.nan  # of a piece: the last artefact_c in those before it
-    remarks: tuple[str, ...] = ()  # sentences: what was read and does not count as it stands
+    remarks: tuple[str, ...] = ()  # sentences: values that were read and are not used as they are
     digest: Callable[[], str] | None = None  # of a session in memory: its fingerprint
     reflector: I64 | None = None  # (n,) index into reflector_names; None: arm.toml's tip
     reflector_names: tuple[str, ...] = ()
@@ -85,10 +85,11 @@ class Session:
 
     @property
     def artefact_rise_k(self) -> F64:
-        """(n,) K of the artefact above its reference; 0 where no reading has its temperature.
+        """The artefact's temperature above its reference (n,) K; 0 if no reading has it.
 
-        People read it now and then: a reading without has the last one before it in the table,
-        those before the first have the first. At the reference, it would be another artefact's.
+        People read it now and then. So a reading without it has the last one before it in the
+        table; those before the first have the first. The reference temperature would be that of
+        another artefact.
         """
         rise = self.artefact_c - self.artefact.reference_temperature_c
         finite = np.flatnonzero(np.isfinite(rise))
@@ -102,7 +103,7 @@ class Session:
         return filled
 
     def rows(self, chosen: Mask | I64) -> Session:
-        """The chosen rows only."""
+        """Return the session with the chosen rows only."""
         return replace(
             self,
             states=self.states.rows(chosen),
@@ -116,14 +117,16 @@ class Session:
         )
 
     def row_in_words(self, i: int) -> str:
-        """A reading as a person finds it: the table in the session's folder, row and line."""
+        """Describe where a reading is: the table in the session's folder, row and line."""
         csv, parquet = READINGS
         table = parquet if (self.path / parquet).exists() else csv
         return f"{self.name}/{table} {describe_row(Path(table), int(self.row[i]))}"
 
     def fingerprint(self) -> str:
-        """SHA-256 over session.toml and the readings, as they stand on disk now; of a session in
-        memory as they would be written."""
+        """Return the SHA-256 over session.toml and the readings, as they are on the disk now.
+
+        A session in memory is hashed as it would be written.
+        """
         if self.digest is not None:
             return self.digest()
         digest = hashlib.sha256()
@@ -149,8 +152,8 @@ def load_sessions(
 ) -> list[Session]:
     """Read session folders, each of them once and none of those *besides*.
 
-    Readings that count twice look better known than they are, and held-out ones that were fitted
-    prove nothing. Raises `BadInput`.
+    Duplicate readings look better known than they are, and held-out ones that were fitted prove
+    nothing. Raises `BadInput`.
     """
     check_once(paths, besides)
     return report_turns([load_session(path, arm) for path in paths], arm, besides)
@@ -159,7 +162,7 @@ def load_sessions(
 def report_turns(
     sessions: Sequence[Session], arm: Arm, besides: Sequence[Session] = ()
 ) -> list[Session]:
-    """The sessions, with remarks on joints whose turn no limit decides."""
+    """Return the sessions with remarks on joints whose limits do not decide the turn."""
     ranges = [
         AngleRange.from_angles(session.name, session.states.q) for session in (*sessions, *besides)
     ]
@@ -170,20 +173,20 @@ def report_turns(
 
 
 def check_once(paths: Sequence[str | Path], besides: Sequence[Session] = ()) -> None:
-    """Raises `BadInput` at a session that is given twice, or that is one of *besides*."""
+    """Raise `BadInput` for a session that is given twice, or that is one of *besides*."""
     real_paths = {os.path.realpath(session.path) for session in besides}
     for path in map(Path, paths):
-        real = os.path.realpath(path)  # of a link that leads back to itself, too
+        real = os.path.realpath(path)  # also for a link that leads back to itself
         if real in real_paths:
             raise BadInput(path, "the session", "given twice", "every session once")
         real_paths.add(real)
 
 
 def load_session(path: str | Path, arm: Arm, file: SessionFile | None = None) -> Session:
-    """Read the session folder *path*, measured with *arm*; *file*: its session.toml, where that
-    has been read.
+    """Read the session folder *path*, measured with *arm*.
 
-    Raises `BadInput` naming file, row, column, found and expected.
+    *file* is its session.toml, if that has been read. Raises `BadInput` naming file, row, column,
+    found and expected.
     """
     folder = Path(path)
     file = _session_file(folder, arm, file)
@@ -199,7 +202,7 @@ def assemble_session(
     *,
     digest: Callable[[], str] | None = None,
 ) -> Session:
-    """The session of *readings* that are in memory, called *place*; raises `BadInput`."""
+    """Make the session of *readings* that are in memory, called *place*; raises `BadInput`."""
     like_radians = LikeRadians(arm, file.angle_unit)
     session = _session(place, file, arm, readings, {}, TemperatureColumns(arm))
     like_radians.take(readings, session.states.q)
@@ -208,9 +211,10 @@ def assemble_session(
 
 
 def load_session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
-    """The session that `load_session` reads, in pieces that follow each other.
+    """Read the session of `load_session` in consecutive pieces.
 
-    Each piece names the placements that there were so far. Raises `BadInput` as `load_session`.
+    Each piece names the placements that have occurred so far. Raises `BadInput` like
+    `load_session`.
     """
     folder = Path(path)
     file = _session_file(folder, arm)
@@ -244,7 +248,7 @@ def _session_file(folder: Path, arm: Arm, file: SessionFile | None = None) -> Se
 
 
 def check_arm(place: Path, file: SessionFile, arm: Arm) -> None:
-    """Raise `BadInput`, which names *place*, where the session is another arm's."""
+    """Raise `BadInput`, which names *place*, if the session is another arm's."""
     if file.arm != arm.serial_number:
         expected = f"{arm.serial_number!r}, as in arm.toml"
         raise BadInput(place, "arm", repr(file.arm), expected)
@@ -259,8 +263,11 @@ def _session(
     celsius: TemperatureColumns,
     order: MemoryOrder = "C",
 ) -> Session:
-    """*placements*: names of earlier rows and their numbers; new ones are added to it. *celsius*:
-    what the sensors read in earlier rows. *order*: of the angles in memory."""
+    """Make a session from readings.
+
+    *placements* maps names of earlier rows to their numbers; new names are added to it. *celsius*
+    holds the temperatures of earlier rows. *order* is that of the angles in memory.
+    """
     numbers = list_number_columns(arm)
     codes, names = readings.names("placement")
     numbered = [placements.setdefault(name, len(placements)) for name in names]

@@ -1,4 +1,4 @@
-"""A session folder, written whole or not at all: what `load_session` reads."""
+"""Writes a session folder, as `load_session` reads it, whole or not at all."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What is wrong with readings before anybody asks about the arm: temperatures, turns, times."""
+"""Faults of readings that are independent of the arm: in temperatures, turns and times."""

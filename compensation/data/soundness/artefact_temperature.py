@@ -1,4 +1,4 @@
-"""What is said where sessions lack their artefact's temperature: how warm it is taken to be."""
+"""Remarks on sessions without their artefact's temperature: which temperature is assumed."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from armd.compensation.model.arm import Arm
 
 
 def report_artefact_temperature(sessions: Sequence[Session], arm: Arm) -> list[str]:
-    """A sentence for each session with `artefact_c` in some rows only, and one for each artefact
-    that expands and has none in any row of a session."""
+    """Return remarks on missing temperatures of artefacts.
+
+    There is one for each session with `artefact_c` in some rows only, and one for each artefact
+    that expands and has none in any row of a session.
+    """
     remarks = []
     for session in sessions:
         n_known = int(np.isfinite(session.artefact_c).sum())
@@ -36,7 +39,7 @@ def report_artefact_temperature(sessions: Sequence[Session], arm: Arm) -> list[s
 
 
 def _at_stake(sessions: Sequence[Session], arm: Arm) -> str:
-    """By what it would err if it were as warm as the arm; nothing where that is not known."""
+    """Return the error if the artefact were as warm as the arm; "" if that is not known."""
     artefact = sessions[0].artefact
     celsius = np.concatenate(
         [s.states.temperature_c[:, arm.used_columns].ravel() for s in sessions]

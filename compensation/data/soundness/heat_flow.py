@@ -1,8 +1,8 @@
-"""Which temperatures a link cannot have had: they leave and return faster than heat flows.
+"""Detects impossible temperatures of a link: they leave and return faster than heat flows.
 
-A sensor's power-on value (85 °C of a DS18B20), a dead conversion or a loose plug stand for one
-reading or a few among others that agree. A link between such readings would have had to warm and
-cool at a rate that no air, sun or hand gives it. They are no temperatures: they count as missing.
+Examples are a sensor's power-on value (85 °C of a DS18B20), a dead conversion or a loose plug: one
+or a few readings differ from others that agree. Between them a link would have to warm and cool
+faster than air, sun or a hand makes it. They are no temperatures and count as missing.
 """
 
 from __future__ import annotations
@@ -15,31 +15,34 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 
-#: A link drifts to its surroundings with this time constant at the fastest: a carbon tube of 1.5 mm
-#: (1.9 kJ/m²K) in a draught (20 W/m²K) takes 95 s; 3 mm of aluminium take minutes.
+#: The shortest time constant with which a link approaches the temperature of its surroundings: a
+#: carbon tube of 1.5 mm (1.9 kJ/m²K) in a draught (20 W/m²K) takes 95 s; 3 mm of aluminium take
+#: minutes.
 FASTEST_S = 90.0
-#: The surroundings are at most so much warmer or colder than a link: sun, a chamber, winter air.
-#: Together with `FASTEST_S`, 0.44 K/s at first: full sun (1 kW/m²) on that tube gives 0.5 K/s.
+#: The largest difference between the surroundings and a link: sun, a chamber, winter air. Together
+#: with `FASTEST_S` this is 0.44 K/s at first; full sun (1 kW/m²) on that tube gives 0.5 K/s.
 MOST_DRIVING_K = 40.0
-#: Less than this is never called impossible: a servo's whole degrees, clocks that are off, a finger
+#: A smaller step is never called impossible: a servo's whole degrees, clocks that are off, a finger
 #: on the sensor. Live, flag 3 reports such a step.
 LEAST_K = 6.0
-#: Readings that all lie within this have no jump, however they are rounded.
+#: Readings that all lie within this range have no jump, however they are rounded.
 NO_JUMP_K = 0.999 * LEAST_K
-#: A live sensor that stays where it jumped to is believed after this time: it may have been moved.
+#: A live sensor that stays at its new value is believed after this time: it may have been moved.
 SETTLED_S = 5.0
-#: So many histories of one sensor are followed at once, each consistent in itself.
+#: The number of histories of one sensor that are followed at once, each consistent in itself.
 MOST_HISTORIES = 8
 
 
 def compute_reachable_k(seconds: F64) -> F64:
-    """How far (n,) K a link's temperature moves in *seconds* (n,) at most; NaN: not known."""
+    """Return the largest change (n,) K of a link's temperature in *seconds* (n,); NaN:
+    not known.
+    """
     reach = MOST_DRIVING_K * -np.expm1(-np.abs(seconds) / FASTEST_S)
     return np.maximum(np.where(np.isnan(reach), MOST_DRIVING_K, reach), LEAST_K)
 
 
 def _jumps(value: F64, time: F64) -> I64:
-    """Where (from 0) readings stand that the one before does not lead to."""
+    """Return the indices of readings that heat flow cannot reach from the one before."""
     steps = np.flatnonzero(np.abs(np.diff(value)) > LEAST_K)  # no less is impossible
     reach_k = compute_reachable_k(time[steps + 1] - time[steps])
     jumps: I64 = steps[np.abs(value[steps + 1] - value[steps]) > reach_k] + 1
@@ -55,7 +58,7 @@ class History:
     n: int = 0
 
     def reaches(self, celsius: float, time_s: float) -> bool:
-        """Whether heat can have led from its end to there."""
+        """Return whether heat flow can lead from its end to a reading."""
         apart_k = abs(celsius - self.last_c)
         if apart_k <= LEAST_K:
             return True
@@ -63,18 +66,21 @@ class History:
 
 
 class SensorHeat:
-    """What one sensor read so far, for readings that come in pieces."""
+    """The histories of one sensor so far, for readings that come in pieces."""
 
     def __init__(self, usual_c: float) -> None:
-        """*usual_c*: of two courses of equal length the one that ends nearer to it is believed."""
+        """Start without histories.
+
+        Of two histories of equal length, the one that ends nearer to *usual_c* is believed.
+        """
         self._usual_c = usual_c
         self._histories: list[History] = []
 
     def impossible(self, celsius: F64, time_s: F64) -> Mask:
-        """Which of the next readings (n,) °C, at (n,) s, are no temperature of a link.
+        """Return which of the next readings (n,) °C, at (n,) s, are no temperature of a link.
 
-        They stand as in the table: readings in any order are compared by the time between them.
-        The longest course that a link can have had is believed, the readings beside it are not.
+        They are in the order of the table: readings in any order are compared by the time between
+        them. The longest history that a link can have had is believed; all other readings are not.
         """
         bad = np.zeros(len(celsius), dtype=bool)
         if not len(celsius):
@@ -96,7 +102,7 @@ class SensorHeat:
         return bad
 
     def _extend(self, value: F64, time: F64) -> History:
-        """Add readings that follow each other to the longest history that leads to them."""
+        """Add consecutive readings to the longest history that leads to them."""
         first_c, first_s = float(value[0]), float(time[0])
         before = [history for history in self._histories if history.reaches(first_c, first_s)]
         history = max(before, key=lambda h: h.n) if before else History(first_c, first_s)
@@ -110,21 +116,21 @@ class SensorHeat:
 
 
 class LiveSensor:
-    """The streaming form: each reading is judged as it comes, from those before it."""
+    """The streaming form: each reading is judged when it arrives, from earlier ones."""
 
     def __init__(self, usual_c: float) -> None:
-        """*usual_c*: where a link is taken to be before its first reading."""
+        """Start at *usual_c*, the assumed temperature of a link before its first reading."""
         self._usual_c = usual_c
         self._believed: tuple[float, float] = usual_c, -math.inf  # °C, s
-        self._since_s = math.nan  # of the believed course
+        self._since_s = math.nan  # start of the believed course
         self._doubted: tuple[float, float, float] | None = None  # °C, s, since s
 
     def believe(self, celsius: float, time_s: float) -> bool:
-        """Whether a reading in °C is a temperature that a link can have.
+        """Return whether a reading in °C is a temperature that a link can have.
 
-        What jumps is not believed, unless it stays for `SETTLED_S`. A jump of more than
-        `MOST_DRIVING_K` is believed then only if what was before it lasted no longer. A first
-        value is given up at once for one nearer to the usual temperature.
+        A jump is not believed, unless it stays for `SETTLED_S`. A jump of more than
+        `MOST_DRIVING_K` is then believed only if the course before it lasted no longer than that. A
+        first value is replaced at once by one nearer to the usual temperature.
         """
         if self._leads_to(*self._believed, celsius, time_s):
             self._since_s = time_s if math.isnan(self._since_s) else self._since_s
@@ -136,7 +142,7 @@ class LiveSensor:
         return True
 
     def _jumped(self, celsius: float, time_s: float) -> float | None:
-        """Since when (s) a jump is believed; None while it is not."""
+        """Return the instant (s) from which a jump is believed; None if it is not."""
         believed_c, last_s = self._believed
         apart_k = abs(celsius - believed_c)
         is_short = not last_s - self._since_s > SETTLED_S

@@ -1,8 +1,8 @@
-"""What is wrong with readings as they were written down, before anybody asks about the arm.
+"""Detects and corrects faults of recorded readings that are independent of the arm.
 
-Rows that stand twice count once. A temperature channel that shows nothing of the world is filled
-with what the others tell, and its name is kept: nobody is to look for a cause in it. A clock that
-was set back goes on where it was. What cannot be mended is told.
+Duplicate rows count once. A stuck or silent temperature channel is filled from the others, and its
+name is kept so that no cause is searched in it. A clock that was set back is corrected. Faults that
+cannot be corrected are reported.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from armd.compensation.data.sessions.session import Session
 from armd.compensation.data.soundness.artefact_temperature import report_artefact_temperature
 from armd.compensation.model.arm import Arm
 
-#: A channel that lacks more than this share of a session's rows is no channel there.
+#: A channel with more than this share of a session's rows missing is not used there.
 MOST_MISSING = 0.1
-#: A channel stands still for so many rows and this share of a session, while the others change by
-#: so much (24 steps of the coarsest sensors, 0.0625 K): it shows nothing.
+#: A channel is stuck if it is constant for this many rows and this share of a session, while the
+#: others change by this much (24 steps of the coarsest sensors, 0.0625 K).
 LEAST_STILL, STILL_SHARE, OTHERS_MOVED_K = 12, 0.25, 1.5
-#: The same value to the last digit throughout two sessions, between which the others changed so.
+#: A channel is stuck, too, if two sessions have one identical value throughout, while the others
+#: changed by this much between them.
 OTHERS_APART_K = 0.75
-#: No link that stands still to the last digit is so far from all the others.
+#: A channel that is constant to the last digit and this far from all others is stuck, too.
 FAR_K = 15.0
 STILL = "stands still while the others change"
 SOME_ROWS = "has values in some rows only"
@@ -37,7 +38,7 @@ MOST_SET_BACK = 2
 
 @dataclass(frozen=True)
 class Sound:
-    """Sessions one can work with, the arm to do so with, and what was done, in sentences."""
+    """Corrected sessions, the arm to use with them, and the corrections in sentences."""
 
     sessions: tuple[Session, ...]
     arm: Arm
@@ -45,10 +46,10 @@ class Sound:
 
 
 def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
-    """Mend what can be mended in *sessions*, tell everything.
+    """Correct the faults of *sessions* that can be corrected, and report all of them.
 
-    The arm is another one only where a channel shows nothing in any session: its links then follow
-    the mean of the other sensors.
+    The arm changes only if a channel is stuck or silent in all sessions: its links then follow the
+    mean of the other sensors.
     """
     remarks = [remark for session in sessions for remark in session.remarks]
     mended = [_clock_on(_once(session, remarks), remarks) for session in sessions]
@@ -62,10 +63,10 @@ def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
 
 
 def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
-    """What an identification may count, and take for a temperature; no guess in its place.
+    """Prepare sessions for an identification, without replacing temperatures by estimates.
 
-    Rows that stand twice count once. Where a channel shows nothing in some sessions, its values
-    there are missing; where it shows nothing in any, its links follow the mean of the others.
+    Duplicate rows count once. If a channel is stuck or silent in some sessions, its values there
+    are missing; if it is so in all, its links follow the mean of the others.
     """
     columns = {name: arm.sensors.index(name) for name in arm.used_sensors}
     why = {
@@ -95,12 +96,15 @@ def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
 
 
 def find_still_and_far(session: Session, arm: Arm) -> list[tuple[str, float]]:
-    """Temperatures, the artefact's among them, of one value in all rows that is far from all other
-    values, °C: a channel that shows nothing, or the others do."""
+    """Return temperature channels with one value in all rows, far from all other values, and the
+    value.
+
+    The unit is °C; the artefact's channel is included. Either that channel or all others are stuck.
+    """
     names = [*arm.used_sensors, "artefact_c"]
     sensors_c = session.states.temperature_c[:, arm.used_columns]
     celsius = np.column_stack([sensors_c, session.artefact_c])
-    still = (celsius == celsius[:1]).all(axis=0)  # NaN equals nothing
+    still = (celsius == celsius[:1]).all(axis=0)  # NaN is unequal to everything
     channels = []
     for k in np.flatnonzero(still) if session.n >= LEAST_STILL else ():
         at_c = float(celsius[0, k])
@@ -112,7 +116,7 @@ def find_still_and_far(session: Session, arm: Arm) -> list[tuple[str, float]]:
 
 
 def _once(session: Session, remarks: list[str]) -> Session:
-    """Without rows that stand there a second time, digit for digit."""
+    """Drop duplicate rows, which agree in all digits."""
     states = session.states
     columns = [
         states.q, states.rate, states.temperature_c, states.time_s[:, None], states.approach,
@@ -136,13 +140,13 @@ def _once(session: Session, remarks: list[str]) -> Session:
 
 
 def _clock_on(session: Session, remarks: list[str]) -> Session:
-    """A clock that was set back during a placement goes on at the usual pace."""
+    """Continue with the usual interval where the clock was set back during a placement."""
     time_s = session.states.time_s
     steps = np.diff(time_s)
     back = np.flatnonzero(steps < -BACK_S)
     same = session.placement[back] == session.placement[back + 1]
     if not len(back) or len(back) > MOST_SET_BACK or not same.all():
-        return session  # rows may stand in any order
+        return session  # rows may be in any order
     usual = float(np.median(steps))
     time_s = time_s.copy()
     for step in back:
@@ -156,7 +160,7 @@ def _clock_on(session: Session, remarks: list[str]) -> Session:
 
 
 def _clocks(sessions: Sequence[Session]) -> list[str]:
-    """Sessions that one arm cannot have measured at the times they state."""
+    """Return remarks on sessions that one arm cannot have measured at the stated times."""
     timed = [s for s in sessions if np.isfinite(s.states.time_s).all()]
     order = sorted(timed, key=lambda s: float(s.states.time_s.min()))
     remarks = []
@@ -197,11 +201,11 @@ def _duration(seconds: float) -> str:
 def _without_dead_channels(
     sessions: list[Session], arm: Arm, remarks: list[str]
 ) -> tuple[list[Session], Arm]:
-    """Channels that show nothing are filled with the mean of the others, where these are there."""
+    """Fill stuck or silent channels with the mean of the others, where these have values."""
     used = arm.used_sensors
     columns = {name: arm.sensors.index(name) for name in used}
     if not any(np.isfinite(s.states.temperature_c).any() for s in sessions):
-        return sessions, arm  # no temperatures at all: an arm measured without, which is told
+        return sessions, arm  # no temperatures at all, which is reported elsewhere
     why = {name: _dead(sessions, columns, name) for name in used}
     live = [name for name in used if not any(why[name])]
     lost = [name for name in used if any(why[name])]
@@ -234,7 +238,7 @@ def _without_dead_channels(
 
 
 def _mean(session: Session, columns: Sequence[int]) -> F64:
-    """(n,) mean of the channels that have a value."""
+    """Return the mean (n,) of the channels that have a value."""
     celsius = session.states.temperature_c[:, list(columns)]
     finite = np.isfinite(celsius)
     mean: F64 = np.where(finite, celsius, 0.0).sum(axis=1) / np.maximum(finite.sum(axis=1), 1)
@@ -258,18 +262,18 @@ def _of_the_channel(
 
 
 def _middle(values: F64) -> float:
-    """Median of those that are known; NaN of none."""
+    """Return the median of the known values; NaN if there are none."""
     finite = values[np.isfinite(values)]
     return float(np.median(finite)) if len(finite) else np.nan
 
 
 def _dead(sessions: Sequence[Session], columns: dict[str, int], name: str) -> list[str]:
-    """Per session why the channel shows nothing; empty where it does."""
+    """Return for each session why the channel is stuck or silent; "" if it is neither."""
     readings_c = [s.states.temperature_c[:, columns[name]] for s in sessions]
     other_columns = [column for column_name, column in columns.items() if column_name != name]
     usual = [_middle(_mean(s, other_columns)) if other_columns else np.nan for s in sessions]
     one_value = [bool(np.all(values == values[0])) for values in readings_c]
-    still_at = [  # NaN, which equals nothing, where there is more than one value
+    still_at = [  # NaN, unequal to everything, if there are several values
         float(values[0]) if constant and len(values) >= LEAST_STILL else np.nan
         for constant, values in zip(one_value, readings_c, strict=True)
     ]
@@ -291,7 +295,7 @@ def _dead(sessions: Sequence[Session], columns: dict[str, int], name: str) -> li
     stuck = {
         float(v[-1]) for v, reason in zip(readings_c, reasons, strict=True) if reason and len(v)
     }
-    return [  # a session that shows nothing but what a channel stuck at
+    return [  # a session with only the value at which the channel stuck
         reason or (STILL if constant and float(values[0]) in stuck else "")
         for values, constant, reason in zip(readings_c, one_value, reasons, strict=True)
     ]
@@ -306,7 +310,7 @@ def _far_and_still(values: F64, session: Session, columns: Sequence[int]) -> boo
 
 
 def _stands_still(values: F64, session: Session, columns: Sequence[int]) -> bool:
-    """Whether the longest run of one value lasts while most other channels change."""
+    """Return whether the longest run of one value lasts while most other channels change."""
     changes = np.flatnonzero(np.diff(values) != 0)
     edges = np.concatenate([[0], changes + 1, [len(values)]])
     longest = int(np.argmax(np.diff(edges)))
@@ -319,7 +323,7 @@ def _stands_still(values: F64, session: Session, columns: Sequence[int]) -> bool
 
 
 def _following(arm: Arm, name: str, live: Sequence[str]) -> Arm:
-    """The arm with the links of one sensor on the mean of those that live."""
+    """Return the arm with the links of one sensor on the mean of those that are *live*."""
     joints = []
     for joint in arm.joint:
         if share := joint.weights.get(name, 0.0):

@@ -1,4 +1,4 @@
-"""The temperature columns of readings, without what no link and no artefact can have had."""
+"""The temperature columns of readings, without impossible temperatures of links and artefacts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from armd.compensation.data.soundness.heat_flow import SensorHeat
 from armd.compensation.data.tables.readings import Readings, describe_row
 from armd.compensation.model.arm import Arm
 
-#: So many rows are named in one sentence.
+#: The most rows that one sentence names.
 MOST_ROWS = 5
 
 
@@ -26,9 +26,10 @@ class TemperatureColumns:
         self._last_c = np.full(len(self._names), np.nan)
 
     def take(self, readings: Readings, time_s: F64, name: str) -> tuple[F64, F64, list[str]]:
-        """Temperatures of the sensors (n, S) and the artefact (n,) in °C, and remarks.
+        """Return temperatures of the sensors (n, S) and the artefact (n,) in °C, and remarks.
 
-        NaN is missing; so is what no link can have had, which a remark names by file and row.
+        NaN is missing. Impossible temperatures are missing, too; a remark names them by file and
+        row.
         """
         celsius = read_temperatures(readings, self._names, self._order)
         remarks = []
@@ -53,7 +54,7 @@ class TemperatureColumns:
 
 @dataclass(frozen=True)
 class _Dropped:
-    """Values of one sensor that do not count."""
+    """Values of one sensor that are not used."""
 
     sensor: str
     rows: I64  # of the piece, from 0
@@ -75,7 +76,9 @@ class _Dropped:
 
 
 def _around(celsius: F64, row: int, before_c: float) -> float:
-    """The mean of the last value before and the first after *row*, °C; NaN where there is none."""
+    """Return the mean of the last value before and the first after *row*, °C; NaN if there is
+    neither.
+    """
     earlier, later = celsius[:row], celsius[row + 1 :]
     earlier, later = earlier[np.isfinite(earlier)], later[np.isfinite(later)]
     ends = [*(earlier[-1:] if len(earlier) else [before_c]), *later[:1]]

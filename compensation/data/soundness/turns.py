@@ -1,8 +1,8 @@
-"""Which turn an encoder means: the one inside the joint's limits, as the daemon takes it.
+"""Finds an encoder's turn: the one inside the joint's limits, like the daemon.
 
-After a power cycle an encoder may count a whole turn off, and logs of 0 to 360° are another turn
-than arm.toml's half of the time. Geometry does not see that, but an error that grows with the
-angle does.
+After a power cycle an encoder may count a whole turn off. Logs of 0 to 360° differ from arm.toml's
+range by a turn half of the time. The geometry does not depend on it, but an error that grows with
+the angle does.
 """
 
 from __future__ import annotations
@@ -17,15 +17,16 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.data.tables.within import is_within
 from armd.compensation.model.arm import Arm
 
-#: So near to a limit, rounding may decide the turn.
+#: At this distance from a limit, rounding may decide the turn.
 AT_A_LIMIT_RAD = 1e-6
 
 
 def find_whole_turns(q: F64, arm: Arm) -> I64:
-    """Whole turns (n, N) by which angles (n, N) rad stand outside their joints' limits.
+    """Return the whole turns (n, N) by which angles (n, N) rad are outside their joints' limits.
 
-    Limits at most a turn apart decide always. Wider ones decide where the angle is outside and
-    just one turn leads inside; one limit alone, or none, never does. NaN is 0 turns off.
+    Limits at most a turn apart always decide. Wider ones decide where the angle is outside and
+    exactly one number of turns leads inside; one limit alone, or none, never does. NaN is 0 turns
+    off.
     """
     low, high = arm.limits_rad
     turns = np.zeros_like(q, dtype=np.int64)
@@ -37,8 +38,8 @@ def find_whole_turns(q: F64, arm: Arm) -> I64:
         if high_rad - low_rad <= math.tau * (1 + 1e-9):
             off = np.floor((q[:, k] - (low_rad + high_rad) / 2) / math.tau + 0.5)
         else:
-            fewest = np.ceil((q[:, k] - high_rad) / math.tau)  # so many turns back are inside …
-            largest = np.floor((q[:, k] - low_rad) / math.tau)  # … up to so many
+            fewest = np.ceil((q[:, k] - high_rad) / math.tau)  # turns back: at least …
+            largest = np.floor((q[:, k] - low_rad) / math.tau)  # … and at most
             outside = (q[:, k] < low_rad) | (q[:, k] > high_rad)
             off = np.where(outside & (fewest == largest), fewest, 0.0)
         turns[:, k] = np.nan_to_num(off)
@@ -46,7 +47,10 @@ def find_whole_turns(q: F64, arm: Arm) -> I64:
 
 
 def are_within_limits(q: F64, arm: Arm) -> bool:
-    """Whether no angle of (n, N) rad can be a turn off, where limits decide that; much faster."""
+    """Return whether no angle of (n, N) rad can be a turn off, if limits decide that.
+
+    This is much faster than `find_whole_turns`.
+    """
     low, high = arm.limits_rad
     return all(
         not (math.isfinite(low_rad) and math.isfinite(high_rad))
@@ -56,21 +60,24 @@ def are_within_limits(q: F64, arm: Arm) -> bool:
 
 
 def _leaves_no_doubt(q: F64, low_rad: float, high_rad: float) -> bool:
-    """Whether none of *q* (n,) rad is a turn off: it is within the limits or, if these are at most
-    a turn apart, nearer to their middle than half a turn."""
+    """Return whether none of *q* (n,) rad is a turn off.
+
+    That is so within the limits or, if these are at most a turn apart, within half a turn from
+    their middle.
+    """
     beyond = max(math.pi - (high_rad - low_rad) / 2, 0.0)
     return is_within(q, low_rad - beyond + AT_A_LIMIT_RAD, high_rad + beyond - AT_A_LIMIT_RAD)
 
 
 def are_decided(arm: Arm) -> Mask:
-    """Of which joints (N,) the limits say which turn is meant, whatever the angle."""
+    """Return for which joints (N,) the limits decide the turn at any angle."""
     low, high = arm.limits_rad
     decided: Mask = high - low <= math.tau * (1 + 1e-9)
     return decided
 
 
 def fold_turns(q: F64, arm: Arm) -> tuple[F64, I64]:
-    """Angles (n, N) rad within the limits that decide the turn, and the turns taken off."""
+    """Return angles (n, N) rad within the limits that decide the turn, and the turns subtracted."""
     turns = find_whole_turns(q, arm)
     if not turns.any():
         return q, turns
@@ -78,7 +85,7 @@ def fold_turns(q: F64, arm: Arm) -> tuple[F64, I64]:
 
 
 def describe_turns(name: str, turns: I64) -> list[str]:
-    """A sentence for each joint of session *name* that stood whole turns off in some rows."""
+    """Return a sentence for each joint of session *name* that was whole turns off in some rows."""
     if not turns.any():
         return []
     return [
@@ -91,7 +98,7 @@ def describe_turns(name: str, turns: I64) -> list[str]:
 
 @dataclass(frozen=True)
 class AngleRange:
-    """How far the joints turned in one session: (N,) rad, and the middle reading of each."""
+    """The range of the joints in one session (N,) rad, and the middle reading of each."""
 
     name: str
     low: F64
@@ -100,19 +107,22 @@ class AngleRange:
 
     @classmethod
     def from_angles(cls, name: str, q: F64) -> AngleRange:
-        """Of angles (n, N) rad, n > 0."""
+        """Return the range of angles (n, N) rad, n > 0."""
         return cls(name, q.min(axis=0), q.max(axis=0), np.median(q, axis=0))
 
     def widened(self, q: F64) -> AngleRange:
-        """Of these angles and the next (n, N) rad, n > 0, of the session; the middle stays."""
+        """Return the range widened by the session's next angles (n, N) rad, n > 0; the middle
+        stays.
+        """
         low, high = np.minimum(self.low, q.min(axis=0)), np.maximum(self.high, q.max(axis=0))
         return AngleRange(self.name, low, high, self.middle)
 
 
 def report_open_turns(ranges: Sequence[AngleRange], arm: Arm) -> list[list[str]]:
-    """For each session sentences on joints that may be a turn off, where no limit decides it.
+    """Return for each session sentences on joints that may be a turn off, because no limit decides
+    it.
 
-    That is so where all sessions together turn a joint by more than a turn, and a session lies at
+    That is so if all sessions together turn a joint by more than a turn, and a session lies at
     least half a turn from the middle one, or the joint has no limits.
     """
     remarks: list[list[str]] = [[] for _ in ranges]

@@ -1,1 +1,1 @@
-"""Tables of readings in pieces, CSV or Parquet, read and written."""
+"""Reads and writes tables of readings in pieces, CSV or Parquet."""

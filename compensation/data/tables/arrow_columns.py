@@ -1,4 +1,6 @@
-"""Columns of Arrow as arrays, without pandas, which Arrow's own way loads where it is installed."""
+"""Converts columns of Arrow to arrays without pandas, which Arrow itself would load
+if installed.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +9,12 @@ import pyarrow as pa
 
 from armd.arrays import F64, I64
 
-#: Of so many names each is looked for by itself.
+#: Up to this many names, each is searched for by itself.
 FEW_NAMES = 16
 
 
 def to_numbers(column: pa.Array) -> F64:
-    """Numbers (n,) of a column, NaN where missing."""
+    """Return the numbers (n,) of a column, NaN where missing."""
     if not len(column) or column.type != pa.float64():
         return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
     if not column.null_count:
@@ -26,7 +28,9 @@ def to_numbers(column: pa.Array) -> F64:
 
 
 def encode_in_order(column: pa.Array) -> pa.DictionaryArray:
-    """A column of names as numbers of those that are there, in the order in which they come."""
+    """Encode a column of names as numbers of its distinct names, in the order of
+    their occurrence.
+    """
     if not pa.types.is_dictionary(column.type):
         return column.dictionary_encode()
     names = column.dictionary
@@ -50,5 +54,5 @@ def encode_in_order(column: pa.Array) -> pa.DictionaryArray:
 
 
 def to_codes(encoded: pa.DictionaryArray) -> I64:
-    """Indices (n,) of a dictionary column in which nothing is missing."""
+    """Return the indices (n,) of a dictionary column without missing values."""
     return np.asarray(np.from_dlpack(encoded.indices), dtype=np.int64)

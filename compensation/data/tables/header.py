@@ -11,7 +11,7 @@ from armd.printable import escape_invisible
 
 
 def check_header(path: Path, header: Sequence[str]) -> None:
-    """Raise `BadInput` for a column that is there twice, or whose name cannot be read."""
+    """Raise `BadInput` for a column that occurs twice, or whose name cannot be read."""
     for name, count in Counter(header).items():
         if count > 1:
             raise BadInput(path, f"column {name}", f"{count} of it", "one")

@@ -1,4 +1,4 @@
-"""Tables of readings in pieces, so that memory does not grow with the file."""
+"""Reads tables of readings in pieces, so that memory does not grow with the file."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from armd.compensation.data.tables.readings import (
 )
 from armd.errors import BadInput
 
-#: What is read at once. Several pieces are in work or wait at a time, and what the allocator keeps
-#: of those that are done is as large again: small ones make the whole small.
+#: The size of a piece. Several pieces are in use at a time, and the allocator keeps as much memory
+#: of finished ones, so small pieces keep the total small.
 PIECE_BYTES = 8 << 20
 PIECE_ROWS = 1 << 14
 
 
 def read_pieces(path: Path, numbers: list[str], texts: list[str]) -> Iterator[Readings]:
-    """What `load_readings` gives, in pieces that follow each other, none of them empty."""
+    """Yield the readings of `load_readings` in consecutive pieces, none of them empty."""
     header = read_header(path)
     types = select_columns(header, numbers, texts)
     done = 0
@@ -67,9 +67,9 @@ def _parquet_tables(
 
 
 def open_parquet(path: Path, names: Sequence[str] = ()) -> pa.parquet.ParquetFile:
-    """Columns of *names* come as the numbers that they are stored as, if they hold text.
+    """Open a Parquet file; text in columns of *names* is read as its dictionary's numbers.
 
-    Read ahead, Arrow would keep all of the file that it has read.
+    Reading ahead is off, because Arrow would keep all that it has read of the file.
     """
     file = pa.parquet.ParquetFile(path, pre_buffer=False)
     texts = [name for name in names if file.schema_arrow.field(name).type == pa.string()]
@@ -84,8 +84,8 @@ def open_parquet(path: Path, names: Sequence[str] = ()) -> pa.parquet.ParquetFil
 def read_parquet_pieces(
     path: Path, file: pa.parquet.ParquetFile, columns: Sequence[str] | None = None
 ) -> Iterator[pa.Table]:
-    """Raises `BadInput` at a damaged page."""
-    # Of pieces this small, threads of Arrow's own take up to twice the processor time.
+    """Yield the file in pieces; raises `BadInput` at a damaged page."""
+    # With pieces this small, Arrow's own threads take up to twice the processor time.
     batches = file.iter_batches(PIECE_ROWS, columns=columns, use_threads=False)
     while True:
         try:
@@ -98,7 +98,10 @@ def read_parquet_pieces(
 
 
 def read_line_pieces(source: Path, file: BinaryIO) -> Iterator[list[bytes]]:
-    """Whole lines without their ends, as many as come in one read; none of them endless."""
+    """Yield whole lines without their ends, as many as one read contains.
+
+    Raises `BadInput` for a line longer than `LONGEST_LINE_BYTES`.
+    """
     begun = b""
     while block := file.read(PIECE_BYTES):
         *lines, begun = (begun + block).split(b"\n")

@@ -1,7 +1,7 @@
-"""Tables of readings, CSV or Parquet: columns as arrays, faults named by row and column.
+"""Tables of readings, CSV or Parquet: columns as arrays, faults located by row and column.
 
-The fast path leaves parsing to Arrow; only a file that Arrow refuses is read a second time, as
-text, to find the cell at fault.
+Arrow parses the file. Only a file that Arrow refuses is read a second time, as text, to find the
+faulty cell.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from armd.printable import escape_invisible
 from armd.terminal.suggest import format_names, suggest
 
 MISSING = ("", "nan", "NaN", "NAN")
-#: Of tables as Excel writes them where a comma is the decimal point.
+#: Separators of tables that Excel writes where a comma is the decimal point.
 SEPARATORS = {";": "semicolons", "\t": "tabs"}
-#: A longer line is no row of a table, but something else under its name.
+#: A longer line is not a row of a table; the file holds something else.
 LONGEST_LINE_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
 class Readings:
-    """The columns asked for that a table has, and the names of all it has."""
+    """The requested columns of a table, and the names of all its columns."""
 
     path: Path
     header: list[str]
     table: pa.Table
-    first_row: int = 0  # of the table within the file, where a file is read in pieces
+    first_row: int = 0  # of the table within the file, if it is read in pieces
 
     @property
     def n(self) -> int:
@@ -52,14 +52,16 @@ class Readings:
         return name in self.header
 
     def unchecked(self, name: str) -> F64:
-        """As `number`, for a caller that holds the column against bounds of its own."""
+        """Return a column like `number`, for a caller that checks it against its own limits."""
         self._must_have(name)
-        column = self.table[name]  # combining would copy what is one chunk already
+        column = self.table[name]  # combining would copy a single chunk
         chunk = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
         return to_numbers(chunk)
 
     def number(self, name: str) -> F64:
-        """A column of numbers (n,), NaN where missing; BadInput if there is no such column."""
+        """Return a column of numbers (n,), NaN where missing; raises `BadInput` without such a
+        column.
+        """
         numbers = self.unchecked(name)
         if is_within(numbers, -LARGEST, LARGEST):
             return numbers
@@ -68,7 +70,7 @@ class Readings:
         return numbers
 
     def required(self, name: str) -> F64:
-        """A column of numbers (n,) in which nothing may be missing."""
+        """Return a column of numbers (n,); raises `BadInput` if one is missing."""
         numbers = self.number(name)
         if is_within(numbers, -LARGEST, LARGEST):
             return numbers
@@ -77,11 +79,14 @@ class Readings:
         return numbers
 
     def optional(self, name: str) -> F64:
-        """A column of numbers (n,), all NaN if there is no such column."""
+        """Return a column of numbers (n,), all NaN if there is no such column."""
         return self.number(name) if self.has(name) else np.full(self.n, np.nan)
 
     def names(self, name: str) -> tuple[I64, list[str]]:
-        """A column of names as indices (n,) into the list of distinct names, in their order."""
+        """Return a column of names as indices (n,) into the list of distinct names, and that list.
+
+        The list is in the order of their occurrence.
+        """
         self._must_have(name)
         column = self.table[name].combine_chunks()
         encoded = encode_in_order(column)
@@ -99,12 +104,12 @@ class Readings:
         return indices, names
 
     def fault(self, row: int, column: str, actual: str, expected: str) -> BadInput:
-        """What is wrong with one cell; *row* counts from 0, people count from 1."""
+        """Return an error about one cell; *row* counts from 0, messages count from 1."""
         location = f"{describe_row(self.path, row + self.first_row)}, column {column}"
         return BadInput(self.path, location, actual, expected)
 
     def refuse(self, bad: Mask, column: str, values: F64, expected: str) -> None:
-        """Raise the fault of the first row that is *bad* (n,), if any."""
+        """Raise the error of the first row that is *bad* (n,), if any."""
         if row := _first(bad):
             raise self.fault(row - 1, column, f"{values[row - 1]:g}", expected)
 
@@ -120,7 +125,7 @@ class Readings:
 
 
 def describe_row(path: Path, row: int) -> str:
-    """A row of the table *path*, from 0, as a person finds it: counted from 1, and its line."""
+    """Describe a row of the table *path*, counted from 0, as people count it, and its line."""
     line = f" (line {row + 2})" if path.suffix == ".csv" else ""
     return f"row {row + 1}{line}"
 
@@ -143,7 +148,7 @@ def load_readings(path: Path, numbers: list[str], texts: list[str]) -> Readings:
 def select_columns(
     header: list[str], numbers: list[str], texts: list[str]
 ) -> dict[str, pa.DataType]:
-    """Those of the named columns that there are, and what they hold."""
+    """Return the named columns that are in the header, with their types."""
     types = {name: pa.float64() for name in numbers if name in header}
     return types | {name: pa.string() for name in texts if name in header}
 
@@ -153,7 +158,9 @@ def refuse_empty(path: Path) -> BadInput:
 
 
 def read_header(path: Path) -> list[str]:
-    """Names of the columns of a CSV or Parquet file, each only once."""
+    """Return the names of the columns of a CSV or Parquet file; raises `BadInput` for a
+    name twice.
+    """
     header = _csv_header(path) if path.suffix == ".csv" else _parquet_header(path)
     check_header(path, header)
     return header
@@ -184,7 +191,7 @@ def _csv_header(path: Path) -> list[str]:
 def parse_csv(
     path: Path, source: Path | io.BytesIO, header: list[str], types: dict[str, pa.DataType]
 ) -> pa.Table:
-    """The wanted columns of *source*: the file *path*, header and all, or rows out of it."""
+    """Parse the wanted columns of *source*: the file *path* with its header, or rows out of it."""
     try:
         return pa.csv.read_csv(
             source,
@@ -198,7 +205,7 @@ def parse_csv(
 
 
 def convert_options(types: dict[str, pa.DataType]) -> pa.csv.ConvertOptions:
-    """How Arrow is to take the wanted columns of a CSV file, and no others."""
+    """Return Arrow's options for the wanted columns of a CSV file, and no others."""
     return pa.csv.ConvertOptions(
         column_types=types,
         include_columns=list(types),
@@ -210,7 +217,7 @@ def convert_options(types: dict[str, pa.DataType]) -> pa.csv.ConvertOptions:
 def explain(
     path: Path, header: list[str], types: dict[str, pa.DataType], error: pa.ArrowInvalid
 ) -> BadInput:
-    """Find the cell (or ragged row) at fault by reading the file as text."""
+    """Find the faulty cell (or ragged row) by reading the file as text."""
     rows = csv.reader(_lines(path))
     try:
         next(rows)
@@ -229,8 +236,10 @@ def explain(
 
 
 def check_quotes(path: Path, rows: int) -> None:
-    """Refuse a quotation mark that is never closed: Arrow takes the rest of the file for its text,
-    and no row of that would be missed."""
+    """Raise `BadInput` for a quotation mark that is never closed.
+
+    Arrow takes the rest of the file for its text, and the missing rows would not be noticed.
+    """
     with open_input(path) as file:
         lines = sum(1 for line in file if line.strip())
     if lines == rows + 1:
@@ -245,7 +254,7 @@ def check_quotes(path: Path, rows: int) -> None:
 
 
 def _lines(path: Path) -> Iterator[str]:
-    """The lines of a text file, none of them endless."""
+    """Yield the lines of a text file; raises `BadInput` for one that is too long."""
     with open_input(path) as file:
         text = io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline="")
         number = 0
@@ -285,17 +294,19 @@ def _parquet_table(path: Path, names: list[str]) -> pa.Table:
 
 
 def refuse_damaged(path: Path, error: Exception) -> BadInput:
-    """What Arrow says of a Parquet file that it cannot read, in one line."""
+    """Return an error with Arrow's message about a Parquet file that it cannot read, in
+    one line.
+    """
     return BadInput(path, "the file", " ".join(str(error).split()), "a Parquet table")
 
 
 def convert_columns(path: Path, table: pa.Table, types: dict[str, pa.DataType]) -> pa.Table:
-    """The wanted columns of *table*, in their wanted types."""
+    """Return the wanted columns of *table*, in their wanted types."""
     table = table.select([name for name in table.column_names if name in types])
     for i, (name, kind) in enumerate(zip(table.column_names, table.schema.types, strict=True)):
         if kind == types[name] or kind == pa.dictionary(pa.int32(), types[name]):
-            continue  # `names` takes the numbers of a dictionary
-        if pa.types.is_boolean(kind):  # Arrow casts it: a true angle were 1 rad
+            continue  # `names` uses the numbers of a dictionary
+        if pa.types.is_boolean(kind):  # Arrow would cast it: true would be 1 rad
             raise BadInput(path, f"column {name}", str(kind), str(types[name]))
         try:
             table = table.set_column(i, name, table[name].cast(types[name]))
@@ -305,5 +316,5 @@ def convert_columns(path: Path, table: pa.Table, types: dict[str, pa.DataType]) 
 
 
 def _first(bad: Mask) -> int:
-    """One more than the first true row, or 0: so that "none" is false."""
+    """Return one more than the index of the first true row, or 0 if there is none."""
     return int(np.argmax(bad)) + 1 if bad.any() else 0

@@ -1,4 +1,4 @@
-"""Whether numbers lie within bounds, asked of whole columns."""
+"""A fast check whether all numbers of a column lie within limits."""
 
 from __future__ import annotations
 
@@ -11,5 +11,7 @@ LARGEST = sys.float_info.max
 
 
 def is_within(values: F64, low: float, high: float) -> bool:
-    """Whether all of *values* (n,) are numbers from *low* to *high*: much faster than a mask."""
+    """Return whether all of *values* (n,) are numbers from *low* to *high*; much faster than a
+    mask.
+    """
     return bool(len(values) == 0 or (low <= values.min() and values.max() <= high))

@@ -1,4 +1,4 @@
-"""Tables out again, as Parquet or CSV, and which column a CSV file cannot hold."""
+"""Writes tables as Parquet or CSV, and finds the column that a CSV file cannot hold."""
 
 from __future__ import annotations
 
@@ -17,11 +17,13 @@ from armd.errors import BadInput
 def open_writer(
     source: Path, part: Path, suffix: str, schema: pa.Schema
 ) -> pa.parquet.ParquetWriter | pa.csv.CSVWriter:
-    """What writes the columns of *source* and new ones to *part*; the suffix decides the kind."""
+    """Open a writer for the columns of *source* and new ones to *part*; the suffix decides the
+    kind.
+    """
     if suffix != ".parquet":
         with _columns_held(source, schema.empty_table()):
             return pa.csv.CSVWriter(part, schema)
-    # Hardly a measured number comes twice: looking each up in a dictionary took most of the time.
+    # Measured numbers hardly ever repeat; searching a dictionary for each took most of the time.
     repeated = [field.name for field in schema if not pa.types.is_floating(field.type)]
     return pa.parquet.ParquetWriter(part, schema, use_dictionary=repeated)
 
@@ -36,10 +38,10 @@ def write_group(
 
 
 class GroupWriter:
-    """Writes groups of rows in a thread, while the next group is worked out.
+    """Writes groups of rows in a thread, while the next group is computed.
 
-    One group is written at a time, and one waits: memory stays flat. What fails is raised by the
-    next call, or at the end.
+    One group is written at a time, and one waits, so memory stays constant. An error is raised by
+    the next call, or at the end.
     """
 
     def __init__(self, source: Path, out: pa.parquet.ParquetWriter | pa.csv.CSVWriter) -> None:
@@ -54,20 +56,24 @@ class GroupWriter:
         self._thread.shutdown()
 
     def write(self, group: list[pa.Table]) -> None:
-        """Have *group* written as one; raises `BadInput` as `write_group`, of an earlier one."""
+        """Start to write *group* as one; raises `BadInput` like `write_group`, for an earlier
+        group.
+        """
         self.wait()
         self._writing = self._thread.submit(write_group, self._source, self._out, group)
 
     def wait(self) -> None:
-        """Until all is written; raises `BadInput` as `write_group`."""
+        """Wait until all is written; raises `BadInput` like `write_group`."""
         if self._writing is not None:
             self._writing.result()
 
 
 @contextmanager
 def _columns_held(source: Path, rows: pa.Table) -> Iterator[None]:
-    """Within this `with`, that *rows* have no text in a CSV file (lists, bytes) is a `BadInput`
-    that names the column of *source*."""
+    """Convert an error of the block into a `BadInput` that names the column of *source*.
+
+    Some columns of *rows* have no text in a CSV file (lists, bytes).
+    """
     try:
         yield
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:

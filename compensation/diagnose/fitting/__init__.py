@@ -1,1 +1,1 @@
-"""The model under test with the findings so far, fitted: rests, noise, nuisance."""
+"""The fit of the model under test with the findings so far: rests, noise, nuisance."""

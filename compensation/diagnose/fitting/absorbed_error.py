@@ -1,11 +1,13 @@
-"""What a calibration took up of causes that are older than itself.
+"""Error that a calibration absorbed from causes older than the calibration.
 
-Nobody knows when a disc left its axis. If it was off it when the calibration was made, constants
-are wrong by what they could take up of that, many times their own uncertainty. Found under this
-calibration, the disc alone leaves just that part over, which looks like a joint that was knocked.
-So where something is found that only a change of what was identified explains, beside causes that
-it does not, the calibration counts as wrong in one more way for each of these: by what it would
-have taken up of it, had it been made of readings like these.
+Nobody knows when an encoder's disc became eccentric. If it was eccentric when the calibration was
+made, the constants absorbed part of that error, often many times their own uncertainty. Under this
+calibration the disc alone leaves that part as residual, which looks like a joint that was knocked.
+
+So two kinds of findings may occur together: some that a change of the identified values explains,
+and some that it does not. Then the calibration's covariance gets one more direction for each
+finding of the second kind: by how much a calibration from readings like these would have absorbed
+it.
 """
 
 from __future__ import annotations
@@ -36,8 +38,10 @@ from armd.compensation.model.arm import Arm
 
 
 def allow_absorbed_error(last: Fit, arm: Arm) -> Baseline | None:
-    """The model under test, wrong also by what it took up of the findings of *last*; None where
-    they tell nothing that this could explain."""
+    """Return the model under test, uncertain also by what it absorbed of the findings of *last*.
+
+    Returns None where absorbed error could explain none of the findings.
+    """
     if not last.baseline.is_given or len(last.findings) < 2:
         return None
     shares = _Shares.from_fit(last, arm)
@@ -47,22 +51,24 @@ def allow_absorbed_error(last: Fit, arm: Arm) -> Baseline | None:
 
 
 def allow_only_absorbed_error(baseline: Baseline, last: Fit, arm: Arm) -> Baseline:
-    """The calibration as it was given (*baseline*), wrong also by what it would have taken up of
-    the findings of *last*, under whose own baseline it may be wrong by more."""
+    """Return *baseline* uncertain also by what it would have absorbed of the findings of *last*.
+
+    *baseline* is the calibration as given; the baseline of *last* may have further uncertainty.
+    """
     shares = _Shares.from_fit(last, arm)
     return shares.taken_up_by(baseline) if shares.older else baseline
 
 
 @dataclass(frozen=True)
 class _Shares:
-    """What constants and terms under test could explain of a fit's k findings."""
+    """The parts of a fit's k findings that constants and terms under test could explain."""
 
     rests: Rests
-    plausible: F64  # (identified,) how far each may be from the drawing
-    columns: F64  # (N, identified) their columns at that, whitened, clear of the poses
-    white: F64  # (N, k) what the findings do, so too
-    own_change: Mask  # (k,) which findings are a change of theirs
-    older: list[int]  # the findings that are none and may be older than the calibration
+    plausible: F64  # (identified,) plausible departure of each from its nominal value
+    columns: F64  # (N, identified) columns for that departure, whitened, cleared of the poses
+    white: F64  # (N, k) residuals that the findings explain, whitened and cleared likewise
+    own_change: Mask  # (k,) which findings are a change of the identified values
+    older: list[int]  # other findings that may be older than the calibration
 
     @classmethod
     def from_fit(cls, last: Fit, arm: Arm) -> _Shares:
@@ -81,11 +87,11 @@ class _Shares:
         return cls(last.linear.rests, plausible, cleared, white, own_change, older)
 
     def taken_up_by(self, baseline: Baseline) -> Baseline:
-        """A calibration wrong also by what it took up of the older findings."""
+        """Return a calibration uncertain also by what it absorbed of the older findings."""
         columns, white, plausible = self.columns, self.white[:, self.older], self.plausible
         directions = [plausible[:, None] * _absorbed_by(columns, white)]
-        # It was made of other readings, at other temperatures and in other poses. How much that
-        # changes, these readings in parts tell: placements, and rests of all of them.
+        # The calibration was made of other readings, at other temperatures and in other poses.
+        # Parts of these readings show how much that matters: placements, and rests of all.
         for folds in (assign_folds(self.rests), self.rests.posture % LEFT_OUT_PARTS):
             directions += [
                 plausible[:, None] * direction for direction in _differs(columns, white, folds)
@@ -94,7 +100,7 @@ class _Shares:
 
 
 def _as_few(root: F64, plausible: F64) -> F64:
-    """(identified, r) with the same R Rᵀ, r no more than what was identified."""
+    """Return a root (identified, r) with the same R Rᵀ, r at most the number of rows."""
     if root.shape[1] <= len(root):
         return root
     directions, sizes, _ = np.linalg.svd(root / plausible[:, None], full_matrices=False)
@@ -103,14 +109,17 @@ def _as_few(root: F64, plausible: F64) -> F64:
 
 
 def _clear_of(absorbing: F64, columns: F64) -> F64:
-    """What is left of *columns* (N, m) beside others (N, b)."""
+    """Project *columns* (N, m) off the columns *absorbing* (N, b)."""
     cleared: F64 = columns - absorbing @ np.linalg.lstsq(absorbing, columns, rcond=WEAKEST)[0]
     return cleared
 
 
 def _differs(columns: F64, white: F64, folds: I64) -> Iterator[F64]:
-    """(identified, m) for each part: how far what was taken up differs with the readings, of which
-    the calibration was made of others (jackknife, twice its variance)."""
+    """Yield how the absorbed amounts (identified, m) change without each part of the readings.
+
+    They are scaled as a jackknife with twice its variance: the calibration was made of other
+    readings.
+    """
     parts, absorbed = int(folds.max()) + 1, _absorbed_by(columns, white)
     for part in range(parts) if parts > 1 else ():
         selected = np.ones(len(white), dtype=bool)
@@ -120,7 +129,7 @@ def _differs(columns: F64, white: F64, folds: I64) -> Iterator[F64]:
 
 
 def _absorbed_by(columns: F64, white: F64) -> F64:
-    """(identified, m) how far what was identified would have gone for each of *white* (N, m)."""
+    """Return how far (identified, m) each of *white* (N, m) moved the identified values."""
     strongest = float(np.linalg.svd(columns, compute_uv=False)[0])
     cutoff = LEAST_TAKEN_UP / max(strongest, LEAST_TAKEN_UP)
     absorbed: F64 = np.asarray(np.linalg.lstsq(columns, white, rcond=cutoff)[0], dtype=np.float64)
@@ -128,13 +137,16 @@ def _absorbed_by(columns: F64, white: F64) -> F64:
 
 
 def _may_be_older(candidate: Candidate) -> bool:
-    """Not what stepped, drifted or was another in each while these sessions were measured."""
+    """Return whether a finding may be older than these sessions.
+
+    It may not, if it stepped or drifted during the sessions or differs between them.
+    """
     while_measured = is_drift(candidate) or is_by_session(candidate)
     return candidate.instant_unix_s is None and not while_measured
 
 
 def _plausible(baseline: Baseline, arm: Arm) -> F64:
-    """(identified,) how far each constant or coefficient may plausibly be from the drawing."""
+    """Return the plausible departure (identified,) of each constant or coefficient."""
     names = arm.layout.names
     constants = [PLAUSIBLE[parameters.find_unit(names[i])] for i in baseline.parameters]
     term_parameters = [baseline.model.terms[i].parameter for i in baseline.terms]

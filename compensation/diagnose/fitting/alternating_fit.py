@@ -1,8 +1,8 @@
-"""A fit of causes that act through others: by turns, what acts made anew at the others' amplitudes.
+"""A fit of causes that act through other findings, by alternation.
 
-The model has the product of both unknowns. With one of them held it is linear, and the other moves
-the held one little: an offset of a sensor is found by a constant, which stays what it is while the
-amplitude that it is told by settles.
+The model has the product of two unknowns. With one of them fixed it is linear, and the other
+changes the fixed one little. For example, a sensor's offset is one constant, which hardly changes
+while the amplitude through which it acts settles.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def fit_by_turns(
     noise_extra: Sequence[Candidate] = (),
     noise: RestNoise | None = None,
 ) -> Fit:
-    """A fit, its findings that act through others made at the amplitudes that these have in it."""
+    """Fit findings, rebuilding those that act through others at the others' amplitudes."""
     for _ in range(MOST_TURNS):
         fitted = fit(rests, arm, baseline, model, findings, amplitudes, noise_extra, noise)
         active = find_acting(fitted)

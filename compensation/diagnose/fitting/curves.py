@@ -1,7 +1,7 @@
-"""Many harmonics of one joint's angle as the curve that the calibration file has.
+"""Many harmonics of one joint's angle as the curve that a calibration file contains.
 
-Where the joint never stood nothing is known: the curve is its own mean there, not what the
-harmonics happen to do.
+Where the joint never stood nothing is known. The curve is its own mean there, not the arbitrary sum
+of the harmonics.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ TURN = np.linspace(0.0, 2 * np.pi, CURVE_POINTS, endpoint=False)
 
 
 def as_curve(candidate: Candidate, values: F64, q: F64) -> Term:
-    """One factor for the live path; *q* (n, N): angles of the rests at which it was learnt."""
+    """Return one factor for the live path; *q* (n, N): angles at which it was learnt."""
     heights = np.zeros(CURVE_POINTS)
     joint, parameter = 1, ""
     for column, value in zip(candidate.columns, values, strict=True):
@@ -40,8 +40,11 @@ def as_curve(candidate: Candidate, values: F64, q: F64) -> Term:
 
 
 def as_written(current: Fit, out: Mask) -> Iterator[tuple[slice, I64, F64]]:
-    """For each curve among the findings, its nuisance columns (m,), rows (r,) of rests *out*
-    where a curve learnt at the others knows nothing, and what the columns (r, m) are there."""
+    """Yield for each curve among the findings its columns where the written curve is unknown.
+
+    These are its nuisance columns (m,), the rows (r,) of those rests *out* at which a curve learnt
+    from the other rests knows nothing, and the columns' values (r, m) there: the curve's mean.
+    """
     linear = current.linear
     q = linear.rests.observations.states.q
     for candidate, span in zip(current.findings, current.layout.findings, strict=True):
@@ -58,12 +61,12 @@ def as_written(current: Fit, out: Mask) -> Iterator[tuple[slice, I64, F64]]:
 
 
 def list_orders(candidate: Candidate) -> list[int]:
-    """The orders of a curve's harmonics, ascending."""
+    """Return the orders of a curve's harmonics, ascending."""
     return sorted({factor.order for factor in candidate.factors if isinstance(factor, Harmonic)})
 
 
 def _wave(column: Column) -> tuple[int, str, F64]:
-    """Joint, parameter, and a harmonic's column over the turn (CURVE_POINTS,)."""
+    """Return joint, parameter, and a harmonic's column over the turn (CURVE_POINTS,)."""
     (term,) = column.terms
     factor = term.basis[0]
     assert isinstance(factor, Harmonic)
@@ -72,13 +75,13 @@ def _wave(column: Column) -> tuple[int, str, F64]:
 
 
 def _nearest(angle: F64) -> I64:
-    """Points of the curve (n,) nearest to angles."""
+    """Return the points of the curve (n,) nearest to angles."""
     nearest: I64 = np.round(angle / (2 * np.pi / CURVE_POINTS)).astype(np.int64) % CURVE_POINTS
     return nearest
 
 
 def _visited_points(angle: F64) -> Mask:
-    """Points of the curve near which a joint stood."""
+    """Return the points of the curve near which a joint stood."""
     nearest = _nearest(angle)
     visited = np.zeros(CURVE_POINTS, dtype=bool)
     for shift in range(-SEEN_POINTS, SEEN_POINTS + 1):

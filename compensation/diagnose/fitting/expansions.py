@@ -1,4 +1,4 @@
-"""Plain expansion of the links, where the model under test has no thermal model at all."""
+"""Linear expansion of the links, where the model under test has no thermal model."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from armd.compensation.model.terms import Term
 
 
 def make_expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64, F64]:
-    """How every length grows per kelvin (N, m), and the variance of that (m,) in mm²/K²; none under
-    a calibration that is held, or beside a thermal model.
+    """Return columns (N, m) of every length's expansion per kelvin, and variances (m,) in mm²/K².
 
-    Each link expands in a straight line before it does so in a curve, and the readings that a
-    calibration is made of would identify it. Where they span too little for that, what they show
-    of it is no cause to be found (docs/decisions/0029). About the mean temperature, so that the
-    constants stay those of a calibration without a thermal model.
+    There is none under a given calibration, or beside a thermal model.
+
+    A link's expansion is linear in temperature before any curve of it shows, and a calibration made
+    from the readings would identify it. Where the temperatures span too little for that, linear
+    expansion is no cause to report (docs/decisions/0029). It is taken about the mean temperature,
+    so that the constants stay those of a calibration without a thermal model.
     """
     with_growth = baseline.is_given or has_thermal_model(baseline.model.terms)
     terms = [] if with_growth else make_length_terms(arm, [1])
@@ -41,11 +42,11 @@ def make_expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tupl
 
 
 def has_thermal_model(terms: Iterable[Term]) -> bool:
-    """Whether there is a thermal model among *terms*."""
+    """Return whether there is a thermal model among *terms*."""
     return any(isinstance(factor, Temperature) for term in terms for factor in term.basis)
 
 
 def compute_growth_mm_per_k(constants: F64, places: Sequence[int]) -> F64:
-    """(m,) by how much the lengths at *places* of the *constants* may grow, a priori."""
+    """Return by how much (m,) the lengths at *places* of the *constants* may grow, a priori."""
     growth_mm: F64 = EXPANSION_PER_K * np.maximum(np.abs(constants[places]), LEAST_LENGTH_MM)
     return growth_mm

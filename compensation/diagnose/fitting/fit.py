@@ -1,4 +1,4 @@
-"""One model with the findings so far, fitted to the rests with their real noise."""
+"""A fit of one model with the findings so far to the rests, with their estimated noise."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ def fit(
     noise_extra: Sequence[Candidate] = (),
     noise: RestNoise | None = None,
 ) -> Fit:
-    """Gauss–Newton with the noise estimated along the way (from *noise*, where it is known).
+    """Fit by Gauss–Newton, estimating the noise along the way (from *noise*, where it is known).
 
-    *noise_extra* absorbs while the noise is estimated, and only then: effects that look like
-    noise (a steady drift) must not be counted as noise before they had their chance.
+    *noise_extra* absorbs while the noise is estimated, and only then. An effect that looks like
+    noise (a steady drift) must not be counted as noise before it was tried as a cause.
     """
     amplitudes = [values.copy() for values in amplitudes]
     sizes = [CURVE_SCALE] * len(findings)
@@ -59,7 +59,7 @@ def fit(
         step_number += 1
         linear = linearise(rests, add_findings(model, findings, amplitudes), arm)
         columns = make_finding_columns(linear, findings, arm)
-        # Without the findings' own part, so that the solution is the whole amplitude.
+        # The findings' own part is removed, so that the solution is the whole amplitude.
         residual = linear.residual - compute_kinematic_part(findings, columns, amplitudes)
         nuisance, layout = collect_nuisance(linear, arm, baseline, findings, columns, sizes)
         extra = make_finding_columns(linear, noise_extra, arm)
@@ -86,7 +86,7 @@ def fit(
         largest = max((float(np.abs(part).max()) for part in shift), default=0.0)
         is_settled = largest**2 / CURVED_LENGTH_MM < CURVED_SHARE * noise.scale_mm
         if is_settled or step_number == MOST_FIT_STEPS or largest > before_this:
-            break  # a step longer than the last one leads away: the linear answer stands
+            break  # a step longer than the last one diverges: the linear answer is kept
         before_this = largest
         if not baseline.is_given:
             model = apply_step(model, baseline, step)
@@ -117,8 +117,10 @@ def _clipped(
     layout: FitLayout,
     noise: RestNoise,
 ) -> tuple[F64, RestNoise]:
-    """The residual (N,) winsorised about its fit, and the noise that is left then; *variance*: of
-    the amplitudes while the noise is estimated."""
+    """Return the residual (N,) winsorised about its fit, and the noise estimated from it.
+
+    *variance*: of the amplitudes while the noise is estimated.
+    """
 
     def fitted_to(values: F64, rest_noise: RestNoise) -> F64:
         return nuisance.columns.times(_solve(blocks, nuisance, layout, rest_noise, values))
@@ -147,8 +149,10 @@ def _clipped(
 def compute_kinematic_part(
     findings: Sequence[Candidate], columns: Sequence[F64], amplitudes: Sequence[F64]
 ) -> F64 | float:
-    """What the findings' terms add to the linearised residual; what the artefact or a joint's use
-    does is not in it."""
+    """Return what the findings' terms add to the linearised residual.
+
+    Changes of the artefact and effects of a joint's use are not included.
+    """
     total: F64 | float = 0.0
     for candidate, block, values in zip(findings, columns, amplitudes, strict=True):
         terms = np.array(
@@ -165,7 +169,10 @@ def fit_sizes(
     findings: Sequence[Candidate],
     sizes: Sequence[float],
 ) -> tuple[LinearModel, list[float]]:
-    """With each curve's likely size as the data have it: expectation–maximisation, few steps."""
+    """Estimate each curve's likely size from the data, by a few steps of expectation–maximisation.
+
+    Returns the problem with the priors of these sizes, and the sizes.
+    """
     sizes = list(sizes)
     curves = [i for i, candidate in enumerate(findings) if is_sized(candidate)]
     if not curves:
@@ -185,10 +192,10 @@ def fit_sizes(
 
 
 def find_determined_columns(problem: LinearModel) -> I64:
-    """Columns of which rows, prior or drawing say anything: the others' amplitudes stay 0.
+    """Find the columns that rows or a prior determine; the amplitudes of the others stay 0.
 
-    The pose of a placement that is left out is none of them. Without it, no eigenvalues are needed
-    to tell what is known, which takes many times as long.
+    Those of a held-out placement's pose are not among them. Without them no eigenvalues are needed
+    to find the determined directions; computing these would take many times as long.
     """
     finite = np.isfinite(np.minimum(problem.variance, problem.nominal_variance))
     return np.flatnonzero(finite | (problem.squared_norm > 0.0))
@@ -197,7 +204,7 @@ def find_determined_columns(problem: LinearModel) -> I64:
 def _solve(
     blocks: Blocks, nuisance: Nuisance, layout: FitLayout, noise: RestNoise, residual: F64
 ) -> F64:
-    """Generalised least squares: solution (b,) with B x ≈ residual."""
+    """Return the generalised least-squares solution (b,) with B x ≈ residual."""
     problem, side = make_normal_equations(blocks, nuisance.ridged(noise), layout, noise, residual)
     return problem.solve_amplitudes(side)
 
@@ -205,7 +212,10 @@ def _solve(
 def make_normal_equations(
     blocks: Blocks, nuisance: Nuisance, layout: FitLayout, noise: RestNoise, residual: F64
 ) -> tuple[LinearModel, F64]:
-    """The linear problem of the nuisance columns, the first of *blocks*, and its right side."""
+    """Return the linear problem of the nuisance columns, and its right side.
+
+    They are the first columns of *blocks*.
+    """
     b = layout.blocks.n
     products = blocks.products(noise.whitener, noise.distance_mm, residual)
     problem = LinearModel.from_products(

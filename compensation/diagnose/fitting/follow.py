@@ -1,8 +1,8 @@
-"""A fit's step followed where the model bends: Gauss–Newton from the linear answer on.
+"""Gauss–Newton steps from the linear solution, where the model is not linear.
 
-The search is linear about one point. Directions that the readings before hardly told (the last
-joint's twist against the tip's offset) may be a long way uncertain: a step along them moves the tip
-by next to nothing to first order and by microns to second.
+The search is linear about one point. Directions that earlier readings hardly determined (the last
+joint's twist against the tip's offset) may be very uncertain. A step along them moves the tip by
+next to nothing to first order, but by microns to second order.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from armd.compensation.model.arm import Arm
 
 
 def follow_solution(last: Fit, arm: Arm) -> Fit:
-    """A fit under a calibration that is held, solved anew about the point that its solution leads
-    to, until it stays there; where that takes too long, the point it has come to. Each step is
-    taken only as far as it lowers what the fit minimises, so that point is better than the
-    calibration's constants are. Without a calibration the fit itself: its constants were moved
+    """Solve a fit under a given calibration again about its solution, until it stays there.
+
+    If that takes too many rounds, the last point is returned. Each step is taken only as far as it
+    lowers the cost that the fit minimises, so that this point is better than the calibration's
+    constants. Without a given calibration the fit itself is returned: its constants were moved
     already.
     """
     if not last.baseline.is_given or not last.findings:
@@ -50,15 +51,18 @@ def follow_solution(last: Fit, arm: Arm) -> Fit:
 
 
 def _cost(point: Fit, refitted: Fit) -> float:
-    """What the fit minimises, at a *point* about which it was linearised: squares of residuals and
-    priors, where all but the arm's unknowns and the amplitudes are at their best."""
+    """Return the cost that the fit minimises, at the *point* about which it was linearised.
+
+    It is the sum of squares of residuals and priors. Nuisance unknowns are at their best there; the
+    arm's unknowns and the amplitudes are at the point.
+    """
     white = refitted.noise.whiten(refitted.residual - refitted.fitted)
     prior = refitted.solution**2 / refitted.nuisance.variance
     return float(white @ white + prior.sum()) + _change(point, refitted) ** 2
 
 
 def _part_of_the_way(before: Fit, after: Fit, share: float) -> Fit:
-    """*after*, its solution at this share of the way from that of *before*."""
+    """Return *after* with its solution moved to this share of the way from *before*."""
     amplitude_pairs = zip(before.amplitudes, after.amplitudes, strict=True)
     return replace(
         after,
@@ -68,8 +72,10 @@ def _part_of_the_way(before: Fit, after: Fit, share: float) -> Fit:
 
 
 def _change(before: Fit, after: Fit) -> float:
-    """Between two solutions: of the arm's unknowns and the findings' amplitudes, all together, in
-    their standard uncertainties."""
+    """Return the distance between two solutions, in standard uncertainties.
+
+    It is taken over the arm's unknowns and the findings' amplitudes together.
+    """
     layout = after.layout
     span = slice(layout.identified.start, layout.mount.start)
     change = after.solution[span] - before.solution[span]
@@ -78,8 +84,10 @@ def _change(before: Fit, after: Fit) -> float:
 
 
 def _about_its_solution(last: Fit, arm: Arm) -> Fit:
-    """The same problem, its columns taken where the solution leads; the constants' prior stays
-    about the calibration, and what was clipped stays clipped."""
+    """Solve the same problem again, its columns taken at the solution.
+
+    The constants' prior stays about the calibration, and the same residuals stay clipped.
+    """
     baseline, identified = last.baseline, last.layout.identified
     step = -last.solution[identified]
     model = add_findings(
@@ -87,10 +95,10 @@ def _about_its_solution(last: Fit, arm: Arm) -> Fit:
     )
     linear = linearise(last.linear.rests, model, arm)
     columns = make_finding_columns(linear, last.findings, arm)
-    sizes = [1.0] * len(columns)  # of no account: the variances stay
+    sizes = [1.0] * len(columns)  # not used: the variances stay
     nuisance, layout = collect_nuisance(linear, arm, baseline, last.findings, columns, sizes)
     nuisance = Nuisance(nuisance.columns, last.nuisance.variance)
-    # Without what the step did, so that the solution is the whole step.
+    # The step's own part is removed, so that the solution is the whole step.
     raw = linear.residual - compute_kinematic_part(last.findings, columns, last.amplitudes)
     raw = raw - nuisance.columns.to_dense(identified) @ step
     clipped = raw - (last.raw_residual - last.residual)

@@ -1,12 +1,12 @@
-"""Growth that a given calibration could not know.
+"""Free expansion of links: growth with temperature that a given calibration could not know.
 
-Each link does grow. A calibration made at one temperature has no term of that, nor has one whose
-own errors hid it. So each length without a thermal term grows by 0 ± 20·10⁻⁶ per kelvin about the
-middle of the temperatures that the calibration was made at. If only some sensors changed their
-temperature, a calibration may still have a coefficient for every length. For a length whose own
-sensors did not change, that coefficient is known only as well as its covariance says. This is one
-more way in which the calibration may be wrong, and counts against every cause alike; what the
-readings show of it is named once all else is found.
+Each link grows with temperature. A calibration made at one temperature has no term for that, nor
+has one whose own errors hid it. So each length without a thermal term grows by 0 ± 20·10⁻⁶ per
+kelvin about the middle of the temperatures at which the calibration was made. If only some sensors
+changed their temperature, a calibration may still have a coefficient for every length. For a length
+whose own sensors did not change, that coefficient is known only as well as its covariance says.
+Free expansion is one more way in which the calibration may be wrong, and counts against every cause
+alike. Expansion that the readings show is named after all else is found.
 """
 
 from __future__ import annotations
@@ -34,14 +34,18 @@ from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from armd.compensation.wording import format_plain
 
-#: What readings left out of a calibration missed by is in its provenance by this name.
+#: Key in a calibration's provenance: error on held-out readings without outliers, µm.
 LEFT_UM = "heldout_without_outliers_um"
 
 
 def open_growth(baseline: Baseline, arm: Arm) -> Baseline:
-    """A given calibration whose lengths without a thermal term grow as materials do, if it could
-    not know that; and whose coefficients for lengths at one temperature are open, too. As it is
-    where there are none, or a sensor's temperatures are not in it."""
+    """Give the lengths of a given calibration free expansion, where it could not know their growth.
+
+    Lengths without a thermal term get a term that is zero with the uncertainty of materials.
+    Coefficients of lengths whose sensors stayed at one temperature are marked as open, too. The
+    baseline is returned as it is where there is no such length, or where the calibration lacks the
+    temperatures of a sensor.
+    """
     if not baseline.is_given:
         return baseline
     if guessed := _list_guessed(baseline, arm):
@@ -67,8 +71,7 @@ def open_growth(baseline: Baseline, arm: Arm) -> Baseline:
 
 
 def _list_guessed(baseline: Baseline, arm: Arm) -> tuple[int, ...]:
-    """Of the calibration's own terms, the growth of lengths whose sensors stayed at one temperature
-    while it was made."""
+    """List the calibration's own terms of growth whose sensors stayed at one temperature."""
     terms, ranges = baseline.model.terms, baseline.calibration.temperature_range_c
     growing = {term.parameter for term in make_length_terms(arm, [1])}
     thermal = Counter(term.parameter for term in terms if has_thermal_model([term]))
@@ -83,7 +86,7 @@ def _list_guessed(baseline: Baseline, arm: Arm) -> tuple[int, ...]:
 
 
 def _is_plain(term: Term, ranges: Mapping[str, tuple[float, float]]) -> bool:
-    """Whether a term goes by temperatures alone that the calibration has, of the first order."""
+    """Return whether a term is first-order in temperatures whose ranges the calibration has."""
     return len(term.basis) == 1 and all(
         isinstance(factor, Temperature)
         and factor.order == 1
@@ -95,8 +98,10 @@ def _is_plain(term: Term, ranges: Mapping[str, tuple[float, float]]) -> bool:
 
 
 def drop_growth(baseline: Baseline, parameters: Collection[str] | None = None) -> Baseline:
-    """The same with no growth of these *parameters* beyond the calibration's terms, or of any: the
-    others' covariance, given that this growth is zero."""
+    """Return the baseline without free expansion of these *parameters*, or of any.
+
+    The covariance of the others is conditioned on this expansion being zero.
+    """
     terms = baseline.model.terms
     still = {i for i in baseline.growth if parameters is None or terms[i].parameter in parameters}
     if not still:
@@ -104,10 +109,10 @@ def drop_growth(baseline: Baseline, parameters: Collection[str] | None = None) -
     first = len(baseline.parameters)
     rows = [first + k for k, i in enumerate(baseline.terms) if i in still]
     remaining_rows = np.setdiff1d(np.arange(len(baseline.root)), rows)
-    # Directions of the root in which they do not grow.
+    # Directions of the root in which these parameters do not grow.
     _, sizes, directions = np.linalg.svd(baseline.root[rows])
     remaining_root = baseline.root[remaining_rows] @ directions[int((sizes > 0.0).sum()) :].T
-    # The calibration's own stay, with their coefficients.
+    # The calibration's own terms stay, with their coefficients.
     n_own = len(baseline.calibration.terms)
     remaining_terms = [i for i in range(len(terms)) if i not in still or i < n_own]
     return replace(
@@ -120,8 +125,10 @@ def drop_growth(baseline: Baseline, parameters: Collection[str] | None = None) -
 
 
 def _from_where_it_was_made(baseline: Baseline, term: Term) -> Term:
-    """The term about the middle of the temperatures of the calibration: there all lengths are what
-    it says."""
+    """Return the term about the middle of the calibration's temperatures, with coefficient zero.
+
+    There all lengths are as the calibration has them.
+    """
     (factor,) = term.basis
     made_c = sum(weight * sum(range_c) / 2 for weight, range_c in _weighted(baseline, term))
     about = factor.model_copy(update={"reference_c": made_c})
@@ -129,7 +136,7 @@ def _from_where_it_was_made(baseline: Baseline, term: Term) -> Term:
 
 
 def report_growth(baseline: Baseline) -> list[str]:
-    """What a person should know of such a calibration where the readings show no growth."""
+    """Return remarks on such a calibration, where the readings show no growth."""
     if not baseline.growth:
         return []
     return [
@@ -140,7 +147,7 @@ def report_growth(baseline: Baseline) -> list[str]:
 
 
 def explain_missing_growth(baseline: Baseline) -> str:
-    """Why a calibration could not know the growth that is open, in a sentence."""
+    """Explain in a sentence why a calibration could not know the growth that is open."""
     within, n_own = _widest_k(baseline), len(baseline.calibration.terms)
     guessed = [baseline.model.terms[i] for i in baseline.growth if i < n_own]
     if guessed:
@@ -158,7 +165,7 @@ def explain_missing_growth(baseline: Baseline) -> str:
 
 
 def _without_a_term(baseline: Baseline, arm: Arm) -> list[Term]:
-    """Of the terms by which lengths may grow, those that the calibration has none for."""
+    """List the terms of growth of those lengths for which the calibration has none."""
     modelled = {t.parameter for t in baseline.model.terms if has_thermal_model([t])}
     ranges = baseline.calibration.temperature_range_c
     if not arm.used_sensors or not set(arm.used_sensors) <= set(ranges):
@@ -167,8 +174,10 @@ def _without_a_term(baseline: Baseline, arm: Arm) -> list[Term]:
 
 
 def _could_not_know(baseline: Baseline, terms: Sequence[Term], may_grow: F64) -> bool:
-    """Whether all temperatures of a calibration lay as close as one, or what its readings missed by
-    hides what they make."""
+    """Return whether a calibration's temperatures or its error left the lengths' growth unknown.
+
+    Either all its temperatures were nearly the same, or its held-out error hides the growth.
+    """
     if _widest_k(baseline) <= MOST_SPAN_K:
         return True
     left_um = baseline.calibration.provenance.get(LEFT_UM)
@@ -183,7 +192,7 @@ def _could_not_know(baseline: Baseline, terms: Sequence[Term], may_grow: F64) ->
 
 
 def _weighted(baseline: Baseline, term: Term) -> list[tuple[float, tuple[float, float]]]:
-    """The weight of each of a term's sensors, and from where to where it read."""
+    """Return the weight of each of a term's sensors, and the range that it read."""
     (factor,) = term.basis
     assert isinstance(factor, Temperature)
     ranges = baseline.calibration.temperature_range_c
@@ -191,6 +200,6 @@ def _weighted(baseline: Baseline, term: Term) -> list[tuple[float, tuple[float, 
 
 
 def _widest_k(baseline: Baseline) -> float:
-    """How far the temperatures of one sensor lay apart, of those that a calibration was made at."""
+    """Return the widest range of one sensor's temperatures in the calibration."""
     ranges = baseline.calibration.temperature_range_c.values()
     return max((high - low for low, high in ranges), default=0.0)

@@ -1,8 +1,9 @@
-"""Whether a fit stays near the model under test, and whether an effect's size is possible at all.
+"""Checks that a fit stays near the model under test, and that an effect's size is possible.
 
 Where seats have no certified positions, an arm that shrinks, or a link that folds away, leaves less
-scatter: the smaller error is no better model. A fit that moves a parameter further than an arm of
-its drawing can be off, or a certified length by more than its uncertainty allows, is refused.
+scatter: the smaller error is no better model. A fit is refused if it moves a parameter further than
+an arm of its drawing can be off. It is also refused if it moves a certified length by more than its
+uncertainty allows.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from armd.compensation.wording import format_plain
 
 
 def find_refusal(fit: Fit, before: Fit, arm: Arm) -> str:
-    """Why a fit is not to be believed, in words; empty if it may be.
+    """Return why a fit is not credible, in words; empty if it may be.
 
     *before*: a fit without the finding that is asked about.
     """
@@ -47,7 +48,10 @@ def find_refusal(fit: Fit, before: Fit, arm: Arm) -> str:
 
 
 def is_possible(candidate: Candidate, amplitudes: F64) -> bool:
-    """Whether a named cause can be as large as that; a blow, or what has no name, has any size."""
+    """Return whether a named cause can be as large as that.
+
+    An accident, and a cause without a name, may have any size.
+    """
     named = candidate.cause != "unknown" and not CATALOGUE[candidate.cause].accident
     if not named or is_sized(candidate):
         return True
@@ -56,27 +60,28 @@ def is_possible(candidate: Candidate, amplitudes: F64) -> bool:
 
 
 def _largest_amplitude(column: Column) -> float:
-    """The largest amplitude of a named cause: of what several causes do, the same for all."""
+    """Return a named cause's largest amplitude; causes with the same effect have the same limit."""
     shared = find_largest(column)
     return shared if np.isfinite(shared) else MOST_SIGMAS * compute_broadest_sd(column)
 
 
 def is_near(fit: Fit, arm: Arm) -> bool:
-    """Whether all parameters stay within a plausible departure of the model under test."""
+    """Return whether all parameters stay within a plausible departure of the model under test."""
     return not _too_far(fit, arm)
 
 
 def compute_arm_size(fit: Fit, arm: Arm) -> float:
-    """The arm's size under a fit, as a share of its size under the model under test."""
+    """Return the arm's size under a fit, as a share of its size under the model under test."""
     constants = compute_parameter_rows(fit.baseline.model.constants, (), np.zeros((1, 0)))[0]
     lengths = constants * _is_length(arm)
     return float(_rows(fit, _solved(fit), arm).mean(axis=0) @ lengths / (lengths @ lengths))
 
 
 def compute_scale_factor(fit: Fit, arm: Arm) -> float:
-    """What a scatter is multiplied by to be stated with the scale kept.
+    """Return the factor that states a scatter as if the arm had kept its size.
 
-    One where positions are certified, or truth is measured: there a smaller arm errs.
+    It is one where positions are certified, or truth is measured: there a smaller arm has a
+    residual.
     """
     observations = fit.linear.rests.observations
     if observations.has_truth.any() or observations.says_size.any():
@@ -90,7 +95,7 @@ def _too_far(fit: Fit, arm: Arm) -> str:
     values = compute_basis_values(model.terms, states, arm, model.reference_c, model.constants)
     were = compute_parameter_rows(model.constants, model.terms, values)
     rows = _rows(fit, _without_causes_turns(fit), arm)
-    inner = slice(0, arm.layout.joint(arm.n_joints).start)  # the base may stand anywhere
+    inner = slice(0, arm.layout.joint(arm.n_joints).start)  # base left out: it may stand anywhere
     names = (*arm.layout.names[inner], *(f"the tip's {axis}" for axis in "xyz"))
     departures = np.abs(
         np.hstack(
@@ -108,10 +113,10 @@ def _too_far(fit: Fit, arm: Arm) -> str:
 
 
 def _tip_placed(rows: F64, arm: Arm) -> F64:
-    """(n, 3) mm: the tip in the frame in front of the last joint, that at zero, of rows (n, P).
+    """Return the tip (n, 3) mm in the frame before the last joint, at angle zero, by rows (n, P).
 
-    The last joint's constants and the tip's offset place this point, and nothing else. Which of
-    them does it no reading tells: a twist of degrees, the tip moved along, is the same arm.
+    The last joint's constants and the tip's offset determine only this point. No reading can
+    separate them: a twist of degrees with the tip moved along is the same arm.
     """
     layout = ParameterLayout(1)
     last = np.zeros((len(rows), layout.count))
@@ -121,7 +126,7 @@ def _tip_placed(rows: F64, arm: Arm) -> F64:
 
 
 def _length_lost(fit: Fit, before: Fit, arm: Arm) -> str:
-    """Whether a certified length that held without the finding holds no longer."""
+    """Report a certified length that no longer agrees because of the finding; empty if none."""
     if not len(fit.linear.rests.observations.distances.length_mm):
         return ""
     now, then = _lengths(fit, arm), _lengths(before, arm)
@@ -141,8 +146,11 @@ def _length_lost(fit: Fit, before: Fit, arm: Arm) -> str:
 
 
 def _lengths(fit: Fit, arm: Arm) -> list[Length]:
-    """The certified lengths as the readings have them under a fit: they lie between the means of
-    readings that scatter, which is a part of their uncertainty as the certificate's is."""
+    """Measure the certified lengths under a fit.
+
+    A measured length lies between the means of readings that scatter. That scatter is part of its
+    uncertainty, as the certificate's is.
+    """
     linear = linearise(fit.linear.rests, _solved(fit), arm)
     n = linear.rests.n
     residual = linear.residual[: 3 * n].reshape(n, 3)
@@ -150,19 +158,19 @@ def _lengths(fit: Fit, arm: Arm) -> list[Length]:
 
 
 def move_model(fit: Fit) -> ModelState:
-    """The model at a fit's solution, findings not included."""
+    """Return the model at a fit's solution, findings not included."""
     step = -fit.solution[fit.layout.identified]
     directions = fit.baseline.root @ step if fit.baseline.is_given else step
     return apply_step(fit.model, fit.baseline, directions)
 
 
 def _solved(fit: Fit) -> ModelState:
-    """The same, findings included."""
+    """Return the model at a fit's solution, findings included."""
     return add_findings(move_model(fit), fit.findings, fit.amplitudes)
 
 
 def _rows(fit: Fit, model: ModelState, arm: Arm) -> F64:
-    """Parameters (n, P) of a model at each of a fit's rests."""
+    """Return the parameters (n, P) of a model at each of a fit's rests."""
     states = fit.linear.rests.observations.states
     values = compute_basis_values(model.terms, states, arm, model.reference_c, model.constants)
     rows: F64 = compute_parameter_rows(model.constants, model.terms, np.nan_to_num(values))
@@ -170,8 +178,10 @@ def _rows(fit: Fit, model: ModelState, arm: Arm) -> F64:
 
 
 def _without_causes_turns(fit: Fit) -> ModelState:
-    """The model at a fit's solution without what named causes add to angles: no arm becomes smaller
-    by that, and how large each can be is asked apart."""
+    """Return the model at a fit's solution without the angles that named causes add.
+
+    No arm becomes smaller by these angles, and `is_possible` checks how large each may be.
+    """
     model = move_model(fit)
     terms = [
         term

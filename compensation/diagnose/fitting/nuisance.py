@@ -1,4 +1,4 @@
-"""What a fit lets absorb: placements, the model under test, findings, targets, a drifting base."""
+"""The nuisance columns of a fit: placements, model under test, findings, targets, drift."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def collect_nuisance(
     columns: Sequence[F64],
     sizes: Sequence[float],
 ) -> tuple[Nuisance, FitLayout]:
-    """What the fit of *findings*, by their *columns* (N, m) in mm, lets absorb."""
+    """Collect the nuisance columns of a fit with *findings*, given their *columns* (N, m) in mm."""
     identified = baseline.columns(linear, arm)
     if baseline.is_given:
         identified = identified @ baseline.root
@@ -70,8 +70,10 @@ def collect_nuisance(
 def join_blocks(
     always: Mapping[str, NuisanceBlock], findings: Sequence[NuisanceBlock], placement: I64
 ) -> tuple[Nuisance, FitLayout]:
-    """The blocks that are *always* there, by name, and those of *findings* between them, in their
-    order; *placement* (n,): of each rest."""
+    """Join the blocks that are *always* there, by name, with those of *findings* between them.
+
+    *placement* (n,): of each rest.
+    """
     blocks = {name: always[name] for name in BEFORE}
     blocks |= {name_block(i): block for i, block in enumerate(findings)}
     blocks |= {name: always[name] for name in AFTER}
@@ -91,7 +93,7 @@ def replace_findings(
     columns: Sequence[F64],
     sizes: Sequence[float],
 ) -> tuple[Nuisance, FitLayout]:
-    """The same with other findings in the place of those that it has."""
+    """Return nuisance and layout with other findings in place of their own."""
     first, stop = layout.identified.stop, layout.mount.start
     variances = map(compute_amplitude_variance, findings, sizes)
     changed = Nuisance(
@@ -102,10 +104,10 @@ def replace_findings(
 
 
 def make_mount_term(model: ModelState, arm: Arm) -> Term | None:
-    """How the first link grows per kelvin (1 mm/K), where the model under test is silent on it.
+    """Return the first link's growth (1 mm/K), where the model under test has no such term.
 
-    Within one temperature that is the placement's, so a calibration leaves it out; a ramp during
-    one placement shows it, and no cause is to be found in that.
+    At one temperature the placement absorbs this growth, so a calibration has no term for it. A
+    ramp during one placement shows it, which must not be reported as a cause.
     """
     silent = not any(term.parameter == "d_1" and term.basis for term in model.terms)
     grown = make_growth_terms(arm)
@@ -125,8 +127,10 @@ def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[
 
 
 def make_noise_variances(nuisance: Nuisance, layout: FitLayout, extra: Sequence[F64]) -> F64:
-    """Variances while the noise is estimated, of what absorbs and then of *extra* columns: findings
-    absorb freely, curves too."""
+    """Return variances during noise estimation, of the nuisance and then of *extra* columns.
+
+    Findings absorb freely then, curves too.
+    """
     variance = nuisance.variance.copy()
     for span in layout.findings:
         variance[span] = np.inf

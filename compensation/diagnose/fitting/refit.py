@@ -1,4 +1,4 @@
-"""A fit about the same point, solved anew with other findings: one linear step, no rows moved."""
+"""A fit solved again about the same point with other findings: one linear step."""
 
 from __future__ import annotations
 
@@ -32,14 +32,16 @@ from armd.compensation.model.arm import Arm
 
 
 def solve_again(fit: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
-    """The linear problem of a fit with other findings, in its noise; nothing else moves."""
+    """Solve the linear problem of a fit with other findings, in the same noise."""
     unsolved = set_findings(fit, findings, arm)
     return _sized_and_solved(unsolved, *_equations(unsolved))
 
 
 def set_findings(fit: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
-    """The columns of a fit with other findings, to which no solution is known yet: amplitudes are
-    zero, what else was solved is of no account."""
+    """Return a fit with other findings' columns, before any solution.
+
+    Amplitudes are zero, and other solved values are not valid.
+    """
     columns = make_finding_columns(fit.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
     nuisance, layout = replace_findings(fit.nuisance, fit.layout, findings, columns, sizes)
@@ -53,14 +55,14 @@ def set_findings(fit: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
 
 
 class Refits:
-    """One fit's linear problem with some of its findings only; its rows are summed only once."""
+    """The linear problem of one fit with subsets of its findings; its rows are summed only once."""
 
     def __init__(self, fit: Fit, equations: tuple[LinearModel, F64] | None = None) -> None:
         self._fit = fit
         self._problem, self._side = equations or _equations(fit)
 
     def with_subset(self, numbers: Sequence[int]) -> Fit:
-        """The fit with the findings of these *numbers*."""
+        """Return the fit with the findings of these *numbers*."""
         fit = self._fit
         indices, layout = select_findings(fit.layout, numbers)
         findings = tuple(fit.findings[i] for i in numbers)
@@ -74,19 +76,18 @@ class Refits:
 
 
 def _equations(fit: Fit) -> tuple[LinearModel, F64]:
-    """The linear problem of all of a fit's columns, and its right side."""
+    """Return the linear problem of all of a fit's columns, and its right side."""
     return make_normal_equations(
         fit.nuisance.columns, fit.nuisance, fit.layout, fit.noise, fit.residual
     )
 
 
 def make_refits_without(fit: Fit, left_out: Sequence[Mask]) -> list[Refits]:
-    """The fit's linear problem without the rests *left out* (n,), for each of these; no two of them
-    overlap.
+    """Make the fit's linear problem without the rests *left_out* (n,), for each of these.
 
-    What absorbs in one placement only says nothing of another one. It is fitted along, and is no
-    column of these problems and fits: they have what placements share, a tenth of all columns where
-    there are many placements, and explain for it alone.
+    No two of these sets overlap. An unknown of one placement alone has no effect on another
+    placement. It is eliminated, and is no column of these problems and fits. They have the columns
+    that placements share, a tenth of all columns where there are many placements.
     """
     free = np.zeros(fit.layout.blocks.n, dtype=bool)
     free[fit.layout.blocks.find_columns([PLACEMENTS, DRIFT])] = True
@@ -102,9 +103,10 @@ def make_refits_without(fit: Fit, left_out: Sequence[Mask]) -> list[Refits]:
 
 
 def solve_shared_again(fit: Fit, findings: Sequence[Candidate], arm: Arm, eliminated: Mask) -> Fit:
-    """As `solve_again`, with columns for what placements share only, like `make_refits_without`.
+    """Solve a fit again with other findings and only the columns that placements share.
 
-    *eliminated*: which columns are fitted along, of those that there are without findings.
+    See `solve_again` and `make_refits_without`. *eliminated*: which columns are eliminated, of
+    those that there are without findings.
     """
     unsolved = set_findings(fit, findings, arm)
     first, stop = unsolved.layout.identified.stop, unsolved.layout.mount.start
@@ -118,7 +120,7 @@ def solve_shared_again(fit: Fit, findings: Sequence[Candidate], arm: Arm, elimin
 
 
 def _of_shared(fit: Fit, eliminated: Mask) -> Fit:
-    """The fit with the columns of what placements share; its solution is of no account."""
+    """Return the fit with the columns that placements share; its solution is not valid."""
     shared = np.flatnonzero(~eliminated)
     return replace(
         fit,
@@ -130,8 +132,10 @@ def _of_shared(fit: Fit, eliminated: Mask) -> Fit:
 def _shared_equations(
     fit: Fit, shared: Fit, eliminated: Mask, left_out: Sequence[Mask]
 ) -> list[tuple[LinearModel, F64]]:
-    """Linear problem and right side of the columns *shared*, the fit's *eliminated* columns being
-    fitted along, without the rests of each of *left_out*."""
+    """Return linear problems and right sides of the columns *shared*, one for each of *left_out*.
+
+    The fit's *eliminated* columns are fitted along. The rests left out are not used.
+    """
     noise = fit.noise
     systems = fit.nuisance.columns.compute_products_clear_of(
         eliminated, fit.nuisance.variance, noise.whitener, noise.distance_mm, fit.residual, left_out
@@ -152,7 +156,7 @@ def _shared_equations(
 
 
 def _sized_and_solved(unsolved: Fit, problem: LinearModel, side: F64) -> Fit:
-    """A fit with all columns and findings, solved, the curves among these as large as they are."""
+    """Solve a fit with all its columns and findings, with curves of their estimated size."""
     findings, layout = unsolved.findings, unsolved.layout
     problem, _ = fit_sizes(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
     return solve_with_columns(unsolved, findings, unsolved.nuisance.columns, layout, problem, side)
@@ -166,7 +170,7 @@ def solve_with_columns(
     problem: LinearModel,
     side: F64,
 ) -> Fit:
-    """A fit about the same point, solved anew with other nuisance columns (N, b)."""
+    """Solve a fit again about the same point with other nuisance columns (N, b)."""
     determined = find_determined_columns(problem)
     reduced, solution = problem.only(determined), np.zeros(len(side))
     solution[determined] = reduced.solve_amplitudes(side[determined])

@@ -1,7 +1,7 @@
-"""What is left, placement by placement and target by target: does one stand apart in itself?
+"""A test for steps in the residuals of each target in each placement.
 
-A seat that moved, an artefact knocked or a joint that slipped half-way through the readings of one
-target shows as a step between the first of them and the others, whatever the clock says.
+A seat may move, an artefact may be knocked or a joint may slip half-way through the readings of one
+target. It shows as a step between the first of them and the others, whatever their times.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from armd.compensation.diagnose.problem.fitted import Fit
 
 @dataclass(frozen=True)
 class TargetStep:
-    """What is left of the rests at one target in one placement, in the order of the readings."""
+    """The residuals of the rests at one target in one placement, in the order of the readings."""
 
     placement: str
     target: str
     rests: int
     rms_um: float  # 3-D
-    step_um: float  # between the mean of the first rests and that of the others, the clearest
-    after: int  # how many the first are; 0: too few rests for a step
+    step_um: float  # clearest step from the mean of the first rests to that of the others
+    after: int  # how many rests are before the step; 0: too few rests for a step
     step_p: float  # chance that the scatter about the two means makes a step as clear anywhere
 
 
 def measure_target_steps(last: Fit) -> list[TargetStep]:
-    """One entry per placement and target."""
+    """Measure the clearest step of each target in each placement."""
     observations = last.linear.rests.points
     residual_um, normal = 1e3 * last.point_residual_mm, last.linear.normal
     pairs = np.stack([observations.placement, observations.target], axis=1)
@@ -40,7 +40,7 @@ def measure_target_steps(last: Fit) -> list[TargetStep]:
     ends = np.cumsum(np.bincount(group.ravel(), minlength=len(named)))
     for (placement, target), numbers in zip(named, np.split(rests, ends[:-1]), strict=True):
         deviations = residual_um[numbers]
-        if normal is not None and normal[numbers[0]].any():  # of a surface, along its normal
+        if normal is not None and normal[numbers[0]].any():  # a surface counts along its normal
             deviations = np.einsum("ni,ni->n", deviations, normal[numbers])[:, None]
         step_um, after, step_p = _clearest_step(deviations)
         entries.append(
@@ -58,17 +58,20 @@ def measure_target_steps(last: Fit) -> list[TargetStep]:
 
 
 def select_significant_steps(entries: list[TargetStep]) -> list[TargetStep]:
-    """Those with a step that their own scatter does not explain; a single target's is the arm's or
-    the base's, and for the search to find."""
+    """Select the entries with a step that their own scatter does not explain.
+
+    A step of a single target may be the arm's or the base's, which the search looks for.
+    """
     return [entry for entry in entries if len(entries) > 1 and len(entries) * entry.step_p < STEP_P]
 
 
 def _clearest_step(deviations: F64) -> tuple[float, int, float]:
-    """Of (n, c) what is left in c directions, 3 or 1, over all ways to part the first from the
-    others: size of the step, after how many, and its p value.
+    """Find the clearest step in residuals (n, c) in c directions, 3 or 1.
 
-    By the scatter about the two means (Hotelling's test with equal variances): what is left at
-    other targets says nothing of this one, and a step half-way through inflates its whole RMS.
+    All divisions into first rests and others are tried. Returns the step's size, after how many
+    rests it is, and its p value. The p value compares the step with the scatter about the two means
+    (Hotelling's test with equal variances). Residuals at other targets do not describe this one,
+    and a step half-way through inflates the RMS of all its own residuals.
     """
     n = len(deviations)
     if n < 2 * LEAST_PART:

@@ -1,4 +1,4 @@
-"""The model under test: a calibration given, or what `armd calibrate` makes of the sessions."""
+"""The model under test: a given calibration, or one that `armd calibrate` makes of the sessions."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from armd.compensation.model.calibration import Calibration
 def make_model_under_test(
     sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
 ) -> Baseline:
-    """Return the calibration given, held; otherwise what `armd calibrate` makes of the sessions.
+    """Return the given calibration, or what `armd calibrate` makes of the sessions.
 
-    By itself that chooses a thermal model by its error: one that goes far would swallow causes that
-    have a name (a link expanding in a curve, a joint that turns with temperature), and beside a
-    strong error it chooses none, so that plain expansion would be found. The plain linear thermal
-    model is the one under test wherever there can be one, and others are not tried.
+    The plain linear thermal model is used wherever there can be one. By itself `armd calibrate`
+    chooses a thermal model by its error. A flexible one would absorb causes that have a name (a
+    link's nonlinear expansion, a joint that turns with temperature). Beside a strong error it
+    chooses none, so that plain expansion would be reported.
     """
     if calibration is None:
         return _calibrate(sessions, arm, is_judging=False)[0]
@@ -37,14 +37,14 @@ def make_model_under_test(
 def make_model_and_judge_sessions(
     sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
 ) -> tuple[Baseline, InconsistentSession | None]:
-    """Return the same model, and the session that does not fit the others.
+    """Return the model under test, and the session that is inconsistent with the others.
 
-    Only so does a calibration's certificate know of that session.
+    Only then does the certificate of a calibration name that session.
     """
     if calibration is None:
         return _calibrate(sessions, arm, is_judging=True)
     baseline, observations = _fix_calibration(sessions, arm, calibration)
-    if has_reflectors(sessions):  # nobody knows where each reading's tip is
+    if has_reflectors(sessions):  # the tip of each reading is unknown
         return baseline, None
     return baseline, fit_and_find_inconsistent_session(sessions, observations)
 
@@ -60,7 +60,7 @@ def _calibrate(
 def _fix_calibration(
     sessions: Sequence[Session], arm: Arm, calibration: Calibration
 ) -> tuple[Baseline, Observations]:
-    """A calibration as the model under test of the observations of *sessions*."""
+    """Return a given calibration as the model under test, and the observations of *sessions*."""
     observations = collect_observations(sessions, arm, calibration.artefact)
     sits = evaluate(sessions, arm, calibration).reflectors if has_reflectors(sessions) else ()
     baseline = open_growth(from_calibration(calibration, arm, True, sits), arm)
@@ -70,11 +70,11 @@ def _fix_calibration(
 
 
 def has_reflectors(sessions: Sequence[Session]) -> bool:
-    """Whether readings are of reflectors, not of the tip."""
+    """Return whether readings are of reflectors, not of the tip."""
     return any(session.reflector is not None for session in sessions)
 
 
 def _knows_scale(observations: Observations) -> bool:
-    """Whether anything certified says how large the arm is."""
+    """Return whether a certified size or position determines how large the arm is."""
     lengths = len(observations.distances.length_mm) > 0
     return lengths or bool(observations.has_truth.any() or observations.says_size.any())

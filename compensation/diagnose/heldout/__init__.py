@@ -1,1 +1,1 @@
-"""What findings are worth on readings that took no part."""
+"""The worth of findings on readings that were not used in the search."""

@@ -1,4 +1,4 @@
-"""The search repeated without some of the readings: what it is worth on those left out."""
+"""The search repeated without some of the readings, and its error on those held out."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from armd.compensation.freed import drop_freed
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
 
-#: What is skipped where the work is done before all causes were sought again.
+#: The name of what is skipped if the bound on the work is reached first.
 REPEATED_FROM = "the search repeated without parts of the readings, from cause"
 
 
@@ -46,12 +46,12 @@ def validate_in_turn(
     progress: TellShare,
     work: WorkBudget | None = None,
 ) -> CrossValidated:
-    """Leave placements out in turn and search the others anew, step by step; *parted*: the search's
-    last survey, where it found anything; *work*: what is computed at most.
+    """Hold placements out in turn and repeat the search on the others, step by step.
 
-    Each fold's search chooses cause, place and grid value for itself among the whole catalogue.
-    What it shares with the readings left out are the noise's variances, the clipping of tails and
-    the point about which the model is linear. Where it finds less, nothing is gained there.
+    *parted*: the search's last survey, None where it found nothing. *work*: the bound on what is
+    computed. Each fold's search chooses cause, place and grid value for itself from the whole
+    catalogue. It shares with the held-out readings the noise's variances, the clipping of outliers
+    and the point of linearisation. Where it finds less, that fold gains nothing.
     """
     last = result.last
     folds = assign_folds(last.linear.rests)
@@ -60,7 +60,7 @@ def validate_in_turn(
     parts = [int(part) for part in np.unique(folds)]
     refits = make_refits_without(set_findings(last, [], arm), [folds == p for p in parts])
     work = work or WorkBudget()
-    shares = [work.of_one_in(len(parts)) for _ in parts]  # they go on beside each other
+    shares = [work.of_one_in(len(parts)) for _ in parts]  # the parts are computed in parallel
     starts = [
         (part, refit.with_subset([]), share)
         for part, refit, share in zip(parts, refits, shares, strict=True)
@@ -88,8 +88,10 @@ def _repeat_search_without(
     parted: PartedSurvey | None,
     arm: Arm,
 ) -> list[F64]:
-    """Squared residuals mm² of one part's rests, without findings, as in the *current* fit, and
-    after each that the search on the others makes."""
+    """Return squared residuals mm² of one part's rests, without findings and after each.
+
+    The *current* fit is the one without findings; the search on the other parts makes the findings.
+    """
     last, out = replace(result.last, noise=current.noise), folds == part
     squares = [compute_left_out_squares(current, out, arm)]
     if parted is None:  # nothing was found
@@ -102,7 +104,7 @@ def _repeat_search_without(
             break
         work.add(scored.n_products, REPEATED_WORK)
         candidate = choose_finding(scored, result.tests)
-        if candidate is None:  # nothing is gained by what the search on all readings found further
+        if candidate is None:  # further findings of the search on all readings gain nothing here
             squares += [squares[-1]] * (len(result.findings) + 1 - len(squares))
             break
         tried = solve_shared_again(

@@ -1,7 +1,7 @@
-"""How much better the extended model is, on readings that had no part in it.
+"""The gain of the extended model on readings that were not used to make it.
 
-With sessions held out, models fitted to the others are evaluated on them. Without, whole
-placements are left out in turn, and the search is repeated on the others.
+With held-out sessions, models fitted to the others are evaluated on them. Without, whole placements
+are held out in turn, and the search is repeated on the others.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from armd.compensation.model.arm import Arm
 
 
 def compute_gains(squares: Sequence[F64], groups: I64, is_used: Mask) -> list[Gain]:
-    """Gains from step to step of squared residuals (n,) mm², resampled by *groups* (n,).
+    """Return gains from step to step of squared residuals (n,) mm², resampled by *groups* (n,).
 
-    *is_used* (n,): rows of the last figure; the others are what an outlier finding names.
+    *is_used* (n,): rows of the last figure; the others are those that an outlier finding lists.
     """
     last = len(squares) - 1
     every = np.ones(len(groups), dtype=bool)
@@ -45,7 +45,11 @@ def compute_gains(squares: Sequence[F64], groups: I64, is_used: Mask) -> list[Ga
 def compute_gain(
     before: F64, after: F64, groups: I64, use: Mask | None = None, seed: int = 1
 ) -> Gain:
-    """From squared residuals *before* to those *after* (n,) mm², of *use* (n,) only."""
+    """Return the gain from squared residuals *before* to those *after* (n,) mm².
+
+    *use* (n,): the rows that count in *after*; all count in *before*. *groups* (n,): what is
+    resampled.
+    """
     use = np.ones(len(groups), dtype=bool) if use is None else use
     names, index = np.unique(groups, return_inverse=True)
     draws = np.random.default_rng(seed).integers(len(names), size=(RESAMPLES, len(names)))
@@ -62,20 +66,23 @@ def compute_gain(
 
 
 def limit_squares(before: F64, after: F64) -> tuple[F64, F64]:
-    """Squared residuals with single readings counting at most `MOST_SQUARES` of the usual one's:
-    a decision that gross errors cannot outvote."""
+    """Limit squared residuals to `MOST_SQUARES` times the usual one's.
+
+    So a decision does not depend on gross errors.
+    """
     cap = MOST_SQUARES * min(float(np.median(before)), float(np.median(after)))
     return np.minimum(before, cap), np.minimum(after, cap)
 
 
 def _compute_tails(n: int) -> tuple[float, float]:
-    """Shares of resamplings of *n* groups below and above a 95 % interval.
+    """Return shares of resamplings of *n* groups below and above a 95 % interval.
 
     Few groups drawn from themselves scatter too little: less than Student's t by the quotient of
-    its quantile and the normal one, and by √((n − 1)/n). The interval takes in so many more of
-    them (Hesterberg, The American Statistician 69 (2015), 371, the expanded percentile interval).
+    its quantile and the normal one, and by √((n − 1)/n). The interval includes so many more
+    resamplings (Hesterberg, The American Statistician 69 (2015), 371, the expanded percentile
+    interval).
     """
-    if n < 2:  # every resampling is the same: nothing is known of the scatter
+    if n < 2:  # all resamplings are equal: the scatter is unknown
         return 0.0, 1.0
     low = float(ndtr(np.sqrt(n / (n - 1.0)) * stdtrit(n - 1, INTERVAL_TAIL)))
     return low, 1.0 - low
@@ -86,8 +93,10 @@ def _compute_rms_um(squares: F64) -> float:
 
 
 def group_readings(observations: Observations) -> I64:
-    """(n,) what readings are resampled by: placement and target, or blocks of time; all copies of a
-    posture together."""
+    """Return the group (n,) by which each reading is resampled: placement and target.
+
+    Readings with truth are grouped by blocks of time, all copies of a posture together.
+    """
     groups = observations.placement * len(observations.target_names) + observations.target
     truth = observations.has_truth
     if truth.any():
@@ -99,13 +108,13 @@ def group_readings(observations: Observations) -> I64:
 def compute_left_out_squares(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
     """Return squared residuals mm² of the points left *out* (n,), under the model of the others.
 
-    Where a calibration is held and nothing was found, the model is that calibration as given, not
-    moved within its covariance. The first link's *growth* predicts only where it is to be written:
-    no calibration under test that is silent on it has it.
+    Where a calibration is given and nothing was found, the model is that calibration unchanged, not
+    moved within its covariance. The first link's expansion (*growth*) predicts only where it is to
+    be written: a calibration under test without that term does not have it.
 
-    Poses and unknown seats, and the lengths of links without a sensor, are fitted to the rests left
-    out themselves. What certified targets are off by, and how the base drifts, is not: it counts as
-    error. An arm that a fit makes larger or smaller is held to its own scale.
+    Poses, unknown seats and the lengths of links without a sensor are fitted to the held-out rests
+    themselves. Errors of certified targets and the drift of the base are not: they count as error.
+    An arm that a fit makes larger or smaller is scaled back.
     """
     n = 3 * len(out)
     columns_used = _list_arm_columns(current, growth)
@@ -118,7 +127,7 @@ def compute_left_out_squares(current: Fit, out: Mask, arm: Arm, growth: bool = F
         fitted_columns = current.nuisance.columns.to_dense(span)[strange]
         predicted[strange] += (columns - fitted_columns) @ current.solution[span]
     residual = current.raw_residual[:n] - predicted
-    # A gross error must not carry its placement away from all the others.
+    # The pose is fitted to clipped residuals: a gross error must not move its whole placement.
     clipped = current.residual[:n] - predicted
     points = out & ~current.linear.rests.observations.turned
     for rests, values in current.linear.nuisance.independent_groups:
@@ -135,7 +144,7 @@ def compute_left_out_squares(current: Fit, out: Mask, arm: Arm, growth: bool = F
 
 
 def _list_arm_columns(last: Fit, growth: bool) -> I64:
-    """Columns whose solution carries over to other placements: the arm's, and the findings'."""
+    """Return the columns whose solution holds for other placements: the arm's and the findings'."""
     layout = last.layout
     return np.concatenate(
         [

@@ -1,4 +1,4 @@
-"""Whether one model predicts readings held out beyond doubt better than another."""
+"""A judge whether one model predicts held-out readings significantly better than another."""
 
 from __future__ import annotations
 
@@ -16,22 +16,25 @@ from armd.compensation.effects.courses import is_slow
 
 @dataclass(frozen=True)
 class Look:
-    """One way to hold readings out: squared residuals (n,) mm² by the findings in the model and
-    whether the first link grows in it, and what readings are resampled by (n,)."""
+    """One way to hold readings out.
+
+    *squares*: the squared residuals (n,) mm², given the findings in the model and whether the first
+    link expands in it. *groups* (n,): what readings are resampled by.
+    """
 
     squares: Callable[[Sequence[int], bool], F64]
     groups: I64
-    axes: float = float(AXES)  # how many directions a reading has, on the mean; on a surface one
+    axes: float = float(AXES)  # mean number of directions of a reading; one on a surface
 
 
-#: Findings in a model, by number, and whether the first link grows in it.
+#: Findings in a model, by number, and whether the first link expands in it.
 Composition = tuple[tuple[int, ...], bool]
-#: Whether the first look cannot show a finding, by number, beside the findings in a model.
+#: Whether the first look cannot show a finding, by number, given the findings in a model.
 IsUninformative = Callable[[int, tuple[int, ...]], bool]
 
 
 class Judge:
-    """Compares models of one fit's findings; each held-out error is worked out once."""
+    """A comparison of models of one fit's findings; each held-out error is computed once."""
 
     def __init__(
         self,
@@ -45,14 +48,17 @@ class Judge:
         self._errors: dict[Composition, list[F64]] = {}
 
     def errors(self, model: Composition) -> list[F64]:
-        """Squared residuals held out, by each look."""
+        """Return the squared held-out residuals of each look."""
         if model not in self._errors:
             self._errors[model] = [look.squares(*model) for look in self._looks]
         return self._errors[model]
 
     def predicts_later_no_worse(self, before: Composition, after: Composition) -> bool:
-        """Whether what goes with time or temperature in *after* only makes nothing worse that was
-        measured later: where something drifts, a temperature may stand in for the time."""
+        """Whether later readings get no worse by what depends on time or temperature in *after*
+        only.
+
+        Where something drifts, a temperature may stand in for the time.
+        """
         added = {*after[0]} - {*before[0]}
         if self._later is None or not any(is_slow(self._last.findings[i]) for i in added):
             return True
@@ -62,7 +68,10 @@ class Judge:
     def find_confirming_look(
         self, before: Composition, after: Composition
     ) -> tuple[int, Gain] | None:
-        """The first look that confirms what is new, and its gain."""
+        """Return the number of the first look that confirms what is new, and its gain.
+
+        None is returned where no look does, or where the first look, if informative, contradicts.
+        """
         pairs = [
             (old, new, look.groups)
             for old, new, look in zip(
@@ -81,7 +90,7 @@ class Judge:
         return None
 
     def compute_gain_of(self, finding: int, numbers: tuple[int, ...], growth: bool) -> Gain:
-        """By the first look, the gain of a finding beside those of *numbers* found before it."""
+        """Return the first look's gain of a finding given those of *numbers* found before it."""
         earlier = tuple(i for i in numbers if i < finding)
         old, new = (self.errors((model, growth))[0] for model in (earlier, (*earlier, finding)))
         return compute_gain(old, new, self._looks[0].groups)
@@ -94,20 +103,27 @@ class Judge:
         return float(without_mm2.sum()) < float(with_mm2.sum())
 
     def compute_odds_factor(self, finding: int, reduced: Composition, full: Composition) -> float:
-        """Factor, at most 1, for the odds of a finding with which the first look predicts worse
-        beyond doubt: the likelihood ratio of what it holds out, or that the arm changed."""
+        """Return a factor, at most 1, for the odds of a finding.
+
+        It is below 1 where the first look predicts significantly worse with the finding. It is then
+        the likelihood ratio of the held-out readings, but at least the probability that the arm
+        changed.
+        """
         if self._is_uninformative(finding, full[0]):
             return 1.0
         old, new = limit_squares(self.errors(reduced)[0], self.errors(full)[0])
         if compute_gain(old, new, self._looks[0].groups).interval_um[1] >= 0.0:
             return 1.0
-        variance_mm2 = max(float(old.mean()) / self._looks[0].axes, TINY_MM2)  # of one direction
+        variance_mm2 = max(float(old.mean()) / self._looks[0].axes, TINY_MM2)  # per direction
         nats = 0.5 * float((new - old).sum()) / variance_mm2
         return max(math.exp(-max(nats, 0.0)), CHANGED_PRIOR)
 
     def predicts_better(self, numbers: tuple[int, ...]) -> bool:
-        """Whether the last look predicts better where the first link grows beside *numbers*, all
-        readings together no worse."""
+        """Whether the last look predicts better if the first link expands in the model of
+        *numbers*.
+
+        The error of all readings together must not get worse.
+        """
         old, new = (self.errors((numbers, growth))[-1] for growth in (False, True))
         capped_old, capped_new = limit_squares(old, new)
         better = float(capped_new.sum()) < float(capped_old.sum())

@@ -1,8 +1,8 @@
-"""What a model gains in a session that nobody has measured yet.
+"""The gain of a model in a session that nobody has measured yet.
 
-Readings left out stand in the same sessions as those that made the model, so the interval of a gain
+Held-out readings are of the same sessions as those that made the model. So the interval of a gain
 over them is too narrow for another session: that has other postures and temperatures, and shows
-more or less of what was mended. By how much sessions differ, the measured ones tell.
+more or less of what was corrected. The measured sessions show how much sessions differ.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from armd.compensation.estimate.observations import Observations
 def predict_later_gain(
     before: F64, after: F64, readings: Observations
 ) -> tuple[float, float] | None:
-    """95 % of the gain in 3-D RMS, µm, in one more session like those of *readings*; None where
-    there is one placement only.
+    """Return the 95 % interval of the gain in 3-D RMS, µm, in one more session.
 
-    *before*, *after*: squared residuals held out (n,) mm². The prediction interval for one more
-    draw, of normal gains of unknown scatter: mean ± t s √(1/m + 1/k) for k gains, m of which are a
+    The session is like those of *readings*; None is returned for one placement only. *before*,
+    *after*: squared held-out residuals (n,) mm². It is the prediction interval for one more draw,
+    of normal gains of unknown scatter: mean ± t s √(1/m + 1/k) for k gains, m of which are a
     session (Hahn and Meeker, Statistical Intervals, 1991).
     """
     sessions = _gain_by(before, after, readings.session)
@@ -40,7 +40,7 @@ def predict_later_gain(
 
 
 def _gain_by(before: F64, after: F64, labels: I64) -> F64:
-    """(k,) fall of the 3-D RMS, µm, of the readings of each label (n,)."""
+    """Return the fall (k,) of the 3-D RMS, µm, of the readings of each label (n,)."""
     index = np.unique(labels, return_inverse=True)[1]
     count = np.bincount(index)
     old, new = (np.sqrt(np.bincount(index, squares) / count) for squares in (before, after))

@@ -1,7 +1,7 @@
-"""Whether what drifts is known forward in time: later readings, predicted from earlier ones.
+"""A test whether a drift is known forward in time: later readings, predicted from earlier ones.
 
-Placements left out in turn stand between others: a wave or a curve through these passes the ones
-left out, too. A calibration is used after its last reading.
+Placements held out in turn lie between others: a wave or a curve through these also fits the ones
+held out. A calibration is used after its last reading.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from armd.compensation.model.arm import Arm
 
 
 def make_later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F64]:
-    """Squared residuals mm² of later rests by models of the earlier ones, by the findings in them
-    and whether the first link grows.
+    """Make a function that returns squared residuals mm² of later rests by models of the earlier
+    ones.
 
-    As in an extended calibration, a drift holds the value that it had at the last reading.
+    Its arguments are the findings in the model and whether the first link expands. As in an
+    extended calibration, a drift keeps the value that it had at the last reading.
     """
     part = split_in_time(last.linear.rests.observations)
     time_s = last.linear.rests.observations.states.time_s
@@ -50,8 +51,11 @@ def make_later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F
 
 
 def split_in_time(observations: Observations) -> I64:
-    """(n,) which part of the time each rest belongs to: whole placements one after the other, or
-    blocks where there are fewer placements than parts."""
+    """Return the part of the time (n,) to which each rest belongs.
+
+    A part has whole placements one after the other, or is a block of time if placements are fewer
+    than parts.
+    """
     placement = observations.placement
     numbers = np.unique(placement)
     if len(numbers) < TIME_PARTS:
@@ -64,7 +68,9 @@ def split_in_time(observations: Observations) -> I64:
 
 
 def _freeze_drifts(last: Fit, until_s: float, arm: Arm) -> Fit:
-    """The fit with every drift's columns as they are if it was identified until then."""
+    """Return the fit with every drift's columns constant after *until_s*, as if identified until
+    then.
+    """
     linear = last.linear
     observations = linear.rests.observations
     states = observations.states

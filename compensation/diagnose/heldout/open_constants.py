@@ -1,13 +1,13 @@
-"""What findings that are not written leave open: constants that have taken a part of them up.
+"""The constants that findings which are not written leave open, because they absorbed a part of
+them.
 
-A calibration made beside an effect that is not in it has constants that are wrong by what they
-could take up of it, many times their own uncertainty, and predicts well all the same: where it was
-measured, the two make up for each other. Live nothing is wrong with that. A diagnosis under such a
-calibration must not hold to these constants, though: what the effect leaves beside them, once they
-may not move, has the shape of another cause.
+Such a calibration has constants that are wrong by what they could absorb of an effect, many times
+their own uncertainty. It predicts well all the same: where it was measured, constants and effect
+compensate each other. In live use this does no harm. But a diagnosis under such a calibration must
+not keep these constants fixed: then the rest of the effect has the shape of another cause.
 
-So the extended calibration says how far each finding that is not written would move what was
-identified, and a diagnosis under it takes that as one more way in which its constants may be wrong.
+So the extended calibration states how far each finding that is not written would move what was
+identified. A diagnosis under it takes that as one more way in which its constants may be wrong.
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ from armd.compensation.model.calibration import Calibration
 def keep_open_constants(
     written: Calibration, last: Fit, numbers: Sequence[int], arm: Arm, sessions: Sequence[Session]
 ) -> Calibration:
-    """The *written* calibration, with *numbers* of the findings, and what the others leave open."""
+    """Add to the *written* calibration how far the unwritten findings would move its constants.
+
+    *numbers*: the findings that are written.
+    """
     unwritten = [i for i in range(len(last.findings)) if i not in numbers]
     if not unwritten:
         return written
@@ -41,7 +44,7 @@ def keep_open_constants(
     ]
     now = collect_identified(written, names)
     openings: list[dict[str, Any]] = []
-    if not numbers:  # nothing new is known of what was open before
+    if not numbers:  # nothing was written: what was open before stays open
         openings += written.provenance["diagnosis"].get("earlier", {}).get(LEFT_OPEN, [])
     for i in unwritten:
         with_it = extend_calibration(refits.with_subset([*numbers, i]), arm, sessions)

@@ -1,5 +1,4 @@
-"""What is predicted of readings left out in turn, and whether by one set of causes better than by
-another, about one point."""
+"""A comparison of two sets of causes, about one point, on readings held out in turn."""
 
 from __future__ import annotations
 
@@ -21,11 +20,14 @@ from armd.compensation.model.arm import Arm
 
 
 def make_squares_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[int], bool], F64]:
-    """Squared residuals mm² of the points in each of the *folds* (n,), under a model of the others,
-    by the findings in it and whether the first link grows."""
+    """Make a function that returns squared residuals mm² of the points in each of the *folds* (n,).
+
+    They are under a model of the other folds. The arguments are the findings in it and whether the
+    first link expands.
+    """
     outs = [folds == part for part in np.unique(folds)]
     refits = make_refits_without(last, outs)
-    points = last.linear.rests.points.n  # which stand first
+    points = last.linear.rests.points.n  # points come before orientations
 
     def squares(numbers: Sequence[int], growth: bool) -> F64:
         squared = np.zeros(points)
@@ -41,16 +43,21 @@ def make_squares_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[
 def compare_heldout(
     about: Fit, before: Sequence[Candidate], after: Sequence[Candidate], arm: Arm
 ) -> float:
-    """By how many standard errors readings of placements left out in turn are predicted better
-    with the findings *after* than with those *before*, all amplitudes estimated without them."""
+    """Return by how many standard errors *after* predicts held-out readings better than *before*.
+
+    Placements are held out in turn; all amplitudes are estimated without them.
+    """
     old, new = (_compute_squares(about, findings, arm) for findings in (before, after))
     groups = group_readings(about.linear.rests.points)
     return count_standard_errors(*limit_squares(old, new), groups)
 
 
 def count_standard_errors(before: F64, after: F64, groups: I64) -> float:
-    """The fall from squared residuals *before* to *after* (n,), in standard errors of its sum over
-    *groups* (n,), each a draw; zero where nothing changes."""
+    """Return the fall from squared residuals *before* to *after* (n,), in standard errors of its
+    sum.
+
+    The sum is over *groups* (n,), each a draw; the result is zero where nothing changes.
+    """
     by_group = np.bincount(np.unique(groups, return_inverse=True)[1], before - after)
     n = len(by_group)
     error = float(np.sqrt(n * by_group.var(ddof=1))) if n > 1 else 0.0
@@ -58,7 +65,7 @@ def count_standard_errors(before: F64, after: F64, groups: I64) -> float:
 
 
 def _compute_squares(about: Fit, findings: Sequence[Candidate], arm: Arm) -> F64:
-    """Squared residuals (n,) mm² of rests, the amplitudes of placements other than theirs."""
+    """Return squared residuals (n,) mm² of points, with amplitudes from the other placements."""
     solved = solve_again(about, findings, arm)
     squares = make_squares_in_turn(solved, arm, assign_folds(about.linear.rests))
     return squares(range(len(findings)), False)

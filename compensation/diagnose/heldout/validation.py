@@ -1,11 +1,12 @@
-"""Which findings the extended calibration gets: those that held-out readings validate.
+"""The choice of findings for the extended calibration: those that held-out readings validate.
 
-A finding is significant on the readings it was made of; whether the model is better with it, only
-others can tell. Findings join one after another, in the order in which they were found, where the
-held-out error falls beyond doubt; one that helps only beside a later one gets its turn again.
+A finding is significant on the readings that it was found in. Only other readings can show whether
+the model is better with it. Findings join one after another, in the order in which they were found,
+where the held-out error falls significantly. One that helps only together with a later one is tried
+again.
 
-What this costs and saves: a finding that is worth nothing passes once in forty (the interval has
-2.5 % below zero), and then by what chance made of it; a true one of five noise units passes mostly.
+The cost and the benefit: a worthless finding passes once in forty (the interval has 2.5 % below
+zero), and then only by its chance gain. A true one of five noise units mostly passes.
 """
 
 from __future__ import annotations
@@ -57,19 +58,19 @@ def choose(
     cannot_see_growth: bool = False,
     repeated_tells: bool = True,
 ) -> ValidatedFindings:
-    """Those of the findings *able* to be written that held-out readings bear out.
+    """Choose those of the findings *able* to be written that held-out readings validate.
 
-    The first look decides. What shows in one placement only, nobody can learn from the others:
-    where the first look does not speak against a finding, or *is_uninformative* on it, a further
-    one may bear it out. Nor must a drift make *later* readings worse, or beside one what goes with
-    temperature: their squared residuals by findings, predicted from earlier ones.
+    The first look decides. But a finding that shows in one placement only cannot be learnt from the
+    others. Where the first look does not contradict a finding, or *is_uninformative* about it, a
+    further look may validate it. A finding that depends on time or temperature must also not make
+    *later* readings worse: their squared residuals by findings, predicted from earlier ones.
 
-    The findings were fitted beside the first link's *growth*. Where all readings tell that beyond
-    doubt, findings are judged with it, and it is written too if that is borne out beside them. A
-    first look that cannot see it (*cannot_see_growth*) judges them without; then it joins where
-    the next look predicts better so.
+    The findings were fitted together with the first link's expansion (*growth*). Where all readings
+    determine it well, the findings are judged with it, and it is written, too, if it is validated
+    given them. If the first look cannot show it (*cannot_see_growth*), the findings are judged
+    without it, and it joins where the last look predicts better with it.
 
-    Gains are the repeated search's, unless it tells nothing (*repeated_tells*).
+    Gains are those of the repeated search, unless this is uninformative (*repeated_tells*).
     """
     judge = Judge(result.last, looks, is_uninformative, later)
     if growth and not cannot_see_growth:
@@ -81,7 +82,7 @@ def choose(
     chosen = _choose_validated(result, judge, able, False, repeated_tells)
     if growth and cannot_see_growth and chosen.numbers:
         with_growth = replace(chosen, growth=judge.predicts_better(chosen.numbers))
-        if with_growth.growth and chosen.by == TARGETS:  # the look that hears it has decided
+        if with_growth.growth and chosen.by == TARGETS:  # the look that shows it has decided
             with_growth = replace(with_growth, after=judge.errors((chosen.numbers, True))[-1])
         return with_growth
     return chosen
@@ -90,8 +91,11 @@ def choose(
 def _choose_validated(
     result: SearchResult, judge: Judge, able: Sequence[bool], growth: bool, repeated_tells: bool
 ) -> ValidatedFindings:
-    """The findings borne out one after another, in a model in which the first link grows or not;
-    beside the model under test, which is silent on that."""
+    """Choose findings that are validated one after another, in a model with *growth* or without.
+
+    *growth*: whether the first link expands. The comparison starts from the model under test, which
+    has no such expansion.
+    """
     chosen: tuple[int, ...] = ()
     further: dict[int, Gain] = {}
     contradicted: list[int] = []
@@ -135,8 +139,10 @@ def _choose_validated(
 def _remove_harmful(
     last: Fit, judge: Judge, every: tuple[int, ...], growth: bool
 ) -> tuple[int, ...]:
-    """Of findings borne out together, those that the rest does not predict better without, the
-    last found asked first: a set that helps must not carry along what harms."""
+    """Remove from findings validated together those without which the others predict better.
+
+    The last found is tried first. A set that helps must not include findings that harm.
+    """
     remaining = every
     for i in reversed(every):
         tried = tuple(j for j in remaining if j != i)
@@ -149,8 +155,10 @@ def _remove_harmful(
 def validate_by_placement(
     result: SearchResult, arm: Arm, stepwise: Sequence[Gain]
 ) -> ValidatedFindings:
-    """By whole placements left out in turn, then by targets within them; *stepwise*: gains of a
-    search repeated without the placements."""
+    """Validate findings on whole placements held out in turn, then on targets within placements.
+
+    *stepwise*: gains of the search repeated without the placements.
+    """
     last = result.last
     rests, points = last.linear.rests, last.linear.rests.points
     groups = group_readings(points)
@@ -176,15 +184,21 @@ def validate_by_placement(
 
 
 def may_go_on_otherwise(candidate: Candidate) -> bool:
-    """Whether nobody knows how it goes on after the readings: a drift, what each session has a
-    value of its own of, what goes with time or temperature and has no name."""
+    """Whether a candidate's course after the readings is unknown.
+
+    It is a drift, it has a separate value in each session, or it has no name and depends on time or
+    temperature.
+    """
     nameless = candidate.cause == "unknown" and is_slow(candidate)
     return nameless or is_drift(candidate) or is_by_session(candidate)
 
 
 def _make_uninformative_by_placement(last: Fit) -> IsUninformative:
-    """Whether placements left out cannot tell of a finding: beside the findings that it is judged
-    with. Another that is not among them may take up what most placements show of it."""
+    """Make the test whether held-out placements cannot show a finding, given *numbers* in the
+    model.
+
+    Another finding that is not among these may absorb what most placements show of it.
+    """
     refits = Refits(last)
 
     @cache
@@ -197,15 +211,14 @@ def _make_uninformative_by_placement(last: Fit) -> IsUninformative:
 
 
 def _is_in_one_fold(last: Fit, moves: F64) -> bool:
-    """Whether nearly all of what *moves* (n, 3) the tip does so in placements left out together."""
+    """Whether nearly all of what *moves* (n, 3) the tip is in placements of one fold."""
     white = last.noise.whiten_rests(moves)
     by_fold = np.bincount(assign_folds(last.linear.rests), (white**2).sum(axis=1))
     return bool(by_fold.max() > IN_ONE * max(float(by_fold.sum()), LEAST_POSITIVE))
 
 
 def _assign_folds_by_target(observations: Observations) -> I64:
-    """Fold of each rest: its target's within the placement; of readings with truth their
-    posture's turn."""
+    """Return the fold of each reading: by its target or, of readings with truth, by its posture."""
     turn = np.where(observations.has_truth, observations.posture, observations.target)
     folds: I64 = turn % TARGET_FOLDS
     return folds
@@ -218,7 +231,7 @@ def validate_by_session(
     holdout: Sequence[Session],
     readings: Observations,
 ) -> ValidatedFindings:
-    """By sessions that had no part in anything; *readings*: those of them that can be judged."""
+    """Validate findings on held-out sessions; *readings*: those of them that can be judged."""
     last = result.last
     refit = Refits(last)
 
@@ -239,7 +252,7 @@ def compute_squares_on_sessions(
     holdout: Sequence[Session],
     growth: bool,
 ) -> F64:
-    """Squared residuals (n,) mm² of the *holdout*'s readings under the model written of *step*."""
+    """Return squared residuals (n,) mm² of the *holdout*'s readings, under *step*'s model."""
     model = step.baseline.calibration
     if step.findings:
         model = extend_calibration(follow_solution(step, arm), arm, sessions, growth=growth)
@@ -249,7 +262,7 @@ def compute_squares_on_sessions(
 
 
 def _has_its_cause(last: Fit, index: int, chosen: Sequence[int]) -> bool:
-    """A shape is written with the finding whose shape it is, or not at all."""
+    """Whether a finding can be written: a shape only with the finding whose shape it is."""
     finding = last.findings[index]
     if not is_shape(finding):
         return True

@@ -1,5 +1,4 @@
-"""Errors that rests share: certified targets that are not quite where they should be, a base that
-wanders."""
+"""Columns of errors that rests share: errors of certified positions, and a drifting base."""
 
 from __future__ import annotations
 
@@ -13,8 +12,10 @@ from armd.compensation.estimate.surfaces import project_on_normals
 
 
 def make_target_nuisance(linear: Linear) -> tuple[F64, F64]:
-    """What certified positions do not know: three columns (N, …) per target, shared by its rests,
-    and the variances of their amplitudes."""
+    """Return three columns (N, …) for each certified target, and their variances.
+
+    They are the error within the certificate's uncertainty, shared by the target's rests.
+    """
     observations = linear.rests.observations
     uncertainty = observations.uncertainty_mm
     labels = np.array(linear.rests.target_label)
@@ -29,7 +30,7 @@ def make_target_nuisance(linear: Linear) -> tuple[F64, F64]:
         for axis in range(3):
             column = np.zeros(len(linear.residual))
             moves = rotation[:, :, axis]
-            if linear.normal is not None:  # a radius is a surface's third coordinate
+            if linear.normal is not None:  # the third coordinate of a surface: height or radius
                 of_surface = linear.normal * float(axis == 2)
                 moves = np.where(observations.on_surface[:, None], of_surface, moves)
             column[: 3 * linear.rests.n] = (moves * rows[:, None]).ravel()
@@ -40,12 +41,13 @@ def make_target_nuisance(linear: Linear) -> tuple[F64, F64]:
 
 
 def make_drift_columns(linear: Linear) -> tuple[Blocks, F64]:
-    """A wandering base: a random walk in each session, three directions each; its variances are
-    NaN, for the noise estimate to fill in.
+    """Return columns of a drifting base: a random walk in each session, three directions each.
 
-    Each column holds from one knot on, rising linearly from the knot before. Steps that are
-    independent make slow changes large and quick ones small, as a stand's are; independent
-    heights at the knots would leave slow changes to be named as causes.
+    The variances are NaN, for the noise estimate to fill in.
+
+    Each column rises linearly from the knot before its own and then stays. With independent steps,
+    slow changes are large and quick ones small, as in a real stand. With independent heights at the
+    knots, slow changes would remain and be reported as causes.
     """
     observations = linear.rests.observations
     piece_of: dict[int, Piece] = {}
@@ -60,9 +62,9 @@ def make_drift_columns(linear: Linear) -> tuple[Blocks, F64]:
         ramps = np.clip(1.0 + (time[:, None] - knots) / (knots[1] - knots[0]), 0.0, 1.0)
         for placement in np.unique(observations.placement[rows]):
             members = np.flatnonzero(observations.placement[rows] == placement)
-            reached = ramps[members][:, ramps[members].any(axis=0)]  # the knots that it has come to
+            reached = ramps[members][:, ramps[members].any(axis=0)]  # knots reached so far
             values = np.einsum("kj,ab->kajb", reached, np.eye(3)).reshape(len(members), 3, -1)
-            values[observations.turned[rows[members]]] = 0.0  # a base that shifts turns nothing
+            values[observations.turned[rows[members]]] = 0.0  # a shift of the base turns nothing
             if linear.normal is not None:
                 values = project_on_normals(linear.normal[rows[members]], values)
             numbers = count + np.arange(values.shape[2])

@@ -1,4 +1,4 @@
-"""The noise of orientations beside that of points, by what a fit leaves of them."""
+"""The noise of orientations relative to that of points, from the residuals of a fit."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from armd.compensation.estimate.linear.blocks import Blocks
 
 
 def compute_fitted_share(columns: Blocks, covariance: F64, noise: RestNoise) -> float:
-    """Of the orientations' squares, how many a fit by *columns* takes, by the covariance (b, b) of
-    its solution."""
+    """Return the degrees of freedom of the orientations that a fit by *columns* takes.
+
+    *covariance* (b, b): of the fit's solution.
+    """
     turned, total = noise.turned, 0.0
     if turned is None:
         return total
@@ -26,9 +28,10 @@ def compute_fitted_share(columns: Blocks, covariance: F64, noise: RestNoise) -> 
 
 
 def estimate_turn_ratio(noise: RestNoise, linear: Linear, residual: F64, fitted: float) -> float:
-    """The ratio by the *residual* (N,), *fitted* of the squares being taken by the fit.
+    """Estimate the noise ratio of orientations to points from the *residual* (N,).
 
-    What exceeds the part of the encoders is the orientations' own.
+    *fitted*: degrees of freedom taken by the fit. The orientations' own noise is what exceeds the
+    encoders' part.
     """
     turned = noise.turned
     if turned is None:

@@ -1,9 +1,9 @@
-"""The real noise of a set of rests: variances by restricted maximum likelihood, and whitening.
+"""The noise of a set of rests: variances by restricted maximum likelihood, and whitening.
 
-V = s² (ρ J_q J_qᵀ L⁻² + (1 − ρ) I) + Z diag(a) Zᵀ. The first part is independent between rests:
-the encoders' noise through the joint Jacobian (L a lever that makes ρ a share) and the repeat of
-a point. Z holds what rests share: certified targets that are not quite where they should be, a
-slow wandering of the base, and constants known only as well as their calibration says.
+V = s² (ρ J_q J_qᵀ L⁻² + (1 − ρ) I) + Z diag(a) Zᵀ. The first part is independent between rests: the
+encoders' noise through the joint Jacobian (L a lever that makes ρ a share) and the repeat of a
+point. Z holds the errors that rests share: those of certified positions, a slow drift of the base,
+and errors of constants within the covariance of their calibration.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ MIDDLE_TO_MEAN = AXES / MEDIAN_CHI2
 
 
 def _covariance(linear: Linear, share: float, turn_ratio: float = 1.0) -> F64:
-    """(n, 3, 3) of a rest for s = 1."""
+    """Return the covariance (n, 3, 3) of each rest for s = 1."""
     unit = ReadingNoise(np.sqrt(share) / LEVER_MM, np.sqrt(1.0 - share), turn_ratio)
     return unit.covariance(linear.joints, linear.rests.observations.turned)
 
@@ -64,11 +64,12 @@ def _covariance(linear: Linear, share: float, turn_ratio: float = 1.0) -> F64:
 def estimate(
     linear: Linear, residual: F64, nuisance: Blocks, variance: F64, before: RestNoise | None = None
 ) -> RestNoise:
-    """Variances by REML from *residual* (N,), given what absorbs and each amplitude's *variance*.
+    """Estimate variances by REML from *residual* (N,), given nuisance columns and their *variance*.
 
-    A winsorised residual keeps heavy tails from widening the noise of all the others. An estimate
-    from *before* shortens the search. What is certified of lengths is in mm, not in units of a
-    rest's noise: where there are some, the search is repeated until both units are one.
+    A winsorised residual prevents heavy tails from widening the noise of all the others. An
+    estimate from *before* shortens the search. The uncertainties of certified lengths are in mm,
+    not in units of a rest's noise. With such lengths, the search is repeated until both units
+    agree.
     """
     lengths = linear.rests.observations.distances.standard_uncertainty_mm
     distance = np.maximum(lengths, LEAST_MM)
@@ -93,15 +94,18 @@ def _estimate(
     scale_mm: float,
     before: RestNoise | None,
 ) -> RestNoise:
-    """The same with lengths' standard uncertainties *distance* (D,) as if s were *scale_mm*."""
+    """Estimate the noise with lengths' uncertainties as if s were *scale_mm*.
+
+    *distance* (D,) mm: the lengths' standard uncertainties.
+    """
     relative = distance / scale_mm
     absorbing = Absorbing.from_meeting(nuisance.meeting, variance)
     turned = linear.rests.observations.turned
     turn_ratio = before.turn_ratio if before else compute_turn_ratio(residual, turned)
-    # Copies share all of their error, until they have shown how much: they count as one.
+    # Copies count as one, as if they shared all their error, until their scatter is known.
     shared = before.shared_part if before else 1.0
     counts = compute_counts(linear.rests.posture, shared)
-    # Across a surface there is no equation, and its part of the whitening is of no account.
+    # Across a surface there is no equation, so that part of the whitening must not count.
     counted, across = np.sqrt(counts), 0.0
     if linear.normal is not None:
         across = 2.0 * float(counts[linear.normal.any(axis=1)].sum())
@@ -150,7 +154,7 @@ def _estimate(
 
 
 def add_shared_part(noise: RestNoise, linear: Linear, residual: F64) -> RestNoise:
-    """Return the noise with what copies of a posture share, by their *residual* (N,)."""
+    """Return the noise with the part that copies of a posture share, from their *residual* (N,)."""
     posture, n = linear.rests.posture, linear.rests.n
     white = noise.whiten_rests(residual[: 3 * n].reshape(n, 3))
     part = estimate_shared_part(white, posture, AXES if noise.normal is None else noise.freedom)
@@ -158,12 +162,12 @@ def add_shared_part(noise: RestNoise, linear: Linear, residual: F64) -> RestNois
 
 
 def _unit_whitener(linear: Linear, share: float, turn_ratio: float = 1.0) -> F64:
-    """(n, 3, 3) whitening for s = 1."""
+    """Return the whitening (n, 3, 3) for s = 1."""
     return make_whitening(_covariance(linear, share, turn_ratio), np.ones(linear.rests.n))
 
 
 def _best_scale(restricted: Restricted) -> tuple[float, float, float, bool]:
-    """(−2 log likelihood, s, drift, settled) at the best scale and drift for a share."""
+    """Return (−2 log likelihood, s, drift, settled) at the best scale and drift for a share."""
     first = max(
         float(np.sqrt(max(restricted.squared_norm, 0.0) / max(restricted.freedom, 1))), LEAST_MM
     )
@@ -177,7 +181,7 @@ def _best_scale(restricted: Restricted) -> tuple[float, float, float, bool]:
         return restricted.negative_log_likelihood(*values(logs))
 
     begin = np.array([np.log(first), np.log(USUAL_DRIFT)])[: 1 + drifts]
-    if drifts:  # where it makes nearly all of the residual, the noise is far smaller than that
+    if drifts:  # where drift is nearly all of the residual, the noise is far smaller
         starts = [
             np.log([first * scale, drift]) for scale in NOISE_SCALES for drift in NOISE_DRIFTS
         ]
@@ -199,15 +203,15 @@ def _best_scale(restricted: Restricted) -> tuple[float, float, float, bool]:
 
 
 def clip_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], F64]) -> F64:
-    """Residual (N,), clipped about *fit* of it as `clip_residual` does.
+    """Return the residual (N,) clipped about *fit* of it, as `clip_residual` does.
 
-    One reading 100 times off pulls a fit so far that all others stand off it, and makes a noise
-    estimate in which it is ordinary. Where a few rests have most of the sum of squares, they are
-    clipped by what the middle one of the rests tells, and the fit made again, until it settles.
+    One reading 100 times off pulls a fit so far that all others have large residuals, and the noise
+    estimate makes it look ordinary. Where a few rests have most of the sum of squares, they are
+    clipped by a scale from the median rest. The fit is then repeated until it settles.
     """
     nothing = np.zeros_like(residual)
     monsters = find_monstrous(residual[: 3 * len(noise.whitener)].reshape(-1, 3)).any()
-    # Then the residual is about poses that hardly know of them; a fit would.
+    # Then the residual itself is used: monsters hardly moved its poses, but would move a fit.
     fitted = nothing if monsters else fit(residual, noise)
     squares = noise.squares(_deviations_mm(residual, fitted, noise))
     usual = MIDDLE_TO_MEAN * float(np.median(squares)) if len(squares) else 1.0
@@ -226,14 +230,14 @@ def clip_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], 
 
 
 def _deviations_mm(residual: F64, fitted: F64, noise: RestNoise) -> F64:
-    """(n, 3) mm of each rest from *fitted* (N,)."""
+    """Return the deviations (n, 3) mm of each rest from *fitted* (N,)."""
     n = len(noise.whitener)
     deviations_mm: F64 = (residual - fitted)[: 3 * n].reshape(n, 3)
     return deviations_mm
 
 
 def clip_residual(residual: F64, fitted: F64, noise: RestNoise, limit: float = WINSOR_AT) -> F64:
-    """Residual (N,), each rest clipped to *limit* standard deviations from *fitted*."""
+    """Return the residual (N,), each rest clipped to *limit* standard deviations from *fitted*."""
     n = len(noise.whitener)
     deviations_mm = _deviations_mm(residual, fitted, noise)
     size = np.sqrt((noise.whiten_rests(deviations_mm) ** 2).sum(axis=1)) * noise.stretch

@@ -1,1 +1,1 @@
-"""What a model leaves, beside what it would leave if it were true: drawn and refitted data sets."""
+"""Residuals of a model, compared with those it would leave if it were true (predictive check)."""

@@ -1,4 +1,4 @@
-"""What residuals are laid out over: a variable's bins, each with rests of like values."""
+"""The bins of a variable over which residuals are summed, each with rests of similar values."""
 
 from __future__ import annotations
 
@@ -29,30 +29,32 @@ VariableKind = Literal["angle", "rate", "temperature", "time", "name"]
 
 @dataclass(frozen=True)
 class Bins:
-    """The rests of each bin, and where it stands."""
+    """The rests of each bin of a variable, and each bin's middle."""
 
     variable: str  # a column's name
-    title: str  # of an axis
+    title: str  # label of a plot's axis
     order: I64  # (k,) rests, bin by bin; those whose value is missing are in none
     starts: I64  # (B,) where each bin begins in `order`
     middle: F64  # (B,) mean value, in the axis' unit
-    labels: tuple[str, ...] = ()  # (B,) of what has names instead of values
+    labels: tuple[str, ...] = ()  # (B,) names, where the variable has names instead of values
     _: KW_ONLY
     values: F64 | None = None  # (k,) of the rests in `order`, in the axis' unit
     kind: VariableKind = "name"
-    alike: tuple[str, ...] = ()  # variables whose values go with this one's
+    alike: tuple[str, ...] = ()  # variables that these readings cannot separate from it
 
 
 def make_bins(rests: Rests) -> list[Bins]:
-    """Bins of every variable that was recorded and varies, over the rests that are points."""
+    """Make bins of every variable that was recorded and varies, over the rests that are points."""
     every = [bins for bins in _iterate_bins(rests) if len(bins.starts) >= LEAST_BINS]
     return [replace(bins, alike=_find_inseparable(bins, every)) for bins in every]
 
 
 def _find_inseparable(bins: Bins, every: list[Bins]) -> tuple[str, ...]:
-    """The temperatures, and the time, that these readings cannot separate from *bins*: a
-    straight line over either leaves no tenth of the other's variance (Marquardt, Technometrics 12,
-    1970: a variance inflated tenfold)."""
+    """List the temperatures, and the time, that these readings cannot separate from *bins*.
+
+    A straight line over either leaves less than a tenth of the other's variance (Marquardt,
+    Technometrics 12, 1970: a variance inflated tenfold).
+    """
     return tuple(
         other_bins.variable
         for other_bins in every
@@ -63,7 +65,7 @@ def _find_inseparable(bins: Bins, every: list[Bins]) -> tuple[str, ...]:
 
 
 def _shared_variance(bins: Bins, other_bins: Bins) -> float:
-    """Squared correlation over the rests at which both are known."""
+    """Return the squared correlation over the rests at which both are known."""
     assert bins.values is not None and other_bins.values is not None
     common, i, j = np.intersect1d(bins.order, other_bins.order, return_indices=True)
     if not len(common):
@@ -75,7 +77,7 @@ def _shared_variance(bins: Bins, other_bins: Bins) -> float:
 
 
 def _iterate_bins(rests: Rests) -> Iterator[Bins]:
-    observations = rests.points  # the first of the rests
+    observations = rests.points  # they precede the orientations
     states, arm = observations.states, observations.arm
     for k in range(arm.n_joints):
         degrees = np.degrees(states.q[:, k])
@@ -101,7 +103,7 @@ def _iterate_bins(rests: Rests) -> Iterator[Bins]:
 def _bin_by_value(
     variable: str, title: str, values: F64, kind: VariableKind, widest: float = np.inf
 ) -> Bins:
-    """Bins of equal count, or nearly where values tie or a bin would be wider than *widest*."""
+    """Make bins of nearly equal count: ties stay together, no bin is wider than *widest*."""
     order = np.flatnonzero(np.isfinite(values))
     order = order[np.argsort(values[order], kind="stable")]
     ascending = values[order]
@@ -114,7 +116,7 @@ def _bin_by_value(
         if (full and not tied) or wide:
             starts.append(i)
     if len(starts) > 1 and np.isinf(widest) and len(order) - starts[-1] < count // 2:
-        starts.pop()  # the last one takes the rest
+        starts.pop()  # the last but one takes its rests, too
     bin_starts = np.array(starts, dtype=np.int64)
     if not len(bin_starts):
         return Bins(variable, title, order, bin_starts, np.zeros(0))
@@ -133,7 +135,7 @@ def _bin_by_name(variable: str, number: I64, names: list[str]) -> Bins:
 
 
 def _bin_by_approach(approach: F64) -> Bins:
-    """By the nearest of fourteen directions of the base frame: its axes and its octants."""
+    """Make bins by the nearest of fourteen directions of the base frame: its axes and octants."""
     rests = np.flatnonzero(np.isfinite(approach).all(axis=1))
     nearest = np.argmax(approach[rests] @ DIRECTIONS.T, axis=1)
     bins = _bin_by_name(
@@ -143,6 +145,6 @@ def _bin_by_approach(approach: F64) -> Bins:
 
 
 def _describe_direction(direction: F64) -> str:
-    """As "+x −z"."""
+    """Describe a direction, as in "+x −z"."""
     parts = zip(direction, "xyz", strict=True)
     return " ".join(f"{'+' if part > 0 else '−'}{axis}" for part, axis in parts if part)

@@ -1,8 +1,8 @@
-"""Along what residuals are looked at: a joint's angle, a link's lean and length, base and artefact.
+"""Components along which residuals are compared: joints, links, stylus, base and artefact.
 
-What a joint does shows along its motion. What a link's bow or growth does shows along its lean or
-length, and what a wrong artefact does in the artefact's frame, where no joint's angle has a clear
-curve of it.
+The effect of a joint shows along its motion. The effect of a link's bending or expansion shows
+along its lean or length. The effect of a wrong artefact shows in the artefact's frame; over no
+joint's angle would it make a clear curve.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from armd.compensation.model.parameters import BASE_PARAMETERS, TIP_PARAMETERS
 
 @dataclass(frozen=True)
 class Component:
-    """One way in which residuals are looked at."""
+    """One direction of residuals in the predictive curves."""
 
-    name: str  # as `predictive` has it
+    name: str  # as in `predictive`
     quantity: Literal["angle", "length", "scale"]  # in rad, mm, and without a unit
-    place: str  # as a finding's location has it
+    place: str  # as in a finding's location
 
     @property
     def title(self) -> str:
-        """As an axis has it."""
+        """The label of a plot's axis."""
         return self.name.removeprefix("angle ").replace("scale", "scale of")
 
 
 def make_components(linear: Linear) -> tuple[list[Component], F64]:
-    """Every component, and the tip's motion (n, 3, K) in mm per unit of each."""
+    """Return every component, and the tip's motion (n, 3, K) in mm per unit of each."""
     named = [
         *_make_angles(linear),
         *_make_leans(linear),
@@ -54,8 +54,10 @@ def _make_angles(linear: Linear) -> list[tuple[Component, F64]]:
 
 
 def _make_leans(linear: Linear) -> list[tuple[Component, F64]]:
-    """Of each link but the last, whose lean is the stylus' place: about the two axes across that of
-    its joint."""
+    """Make two leans of each link but the last, about the two axes across its joint's.
+
+    A lean of the last link is the same as a shift of the stylus.
+    """
     layout = linear.rests.observations.arm.layout
     return [
         (
@@ -68,7 +70,7 @@ def _make_leans(linear: Linear) -> list[tuple[Component, F64]]:
 
 
 def _make_lengths(linear: Linear) -> list[tuple[Component, F64]]:
-    """Of each link that has a length, and of the stylus."""
+    """Make a component for each link that has a length, and for the stylus."""
     layout = linear.rests.observations.arm.layout
     bodies = [
         (f"link {k + 1}", f"link {k + 1}", layout.indices([f"d_{k + 1}", f"a_{k + 1}"]))

@@ -1,4 +1,4 @@
-"""Residuals along each component over each variable, inside or outside of what noise makes."""
+"""Curves of residuals along each component over each variable, and the band that noise makes."""
 
 from __future__ import annotations
 
@@ -52,25 +52,28 @@ from armd.compensation.estimate.linear.blocks import Blocks
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualCurve:
-    """What a model leaves along one component over one variable, and the band of the data sets that
-    it gives: in rad, mm or without a unit, as the component."""
+    """The mean residual of a model along one component over one variable, and its band.
+
+    The band is that of data sets drawn from the model. Units are those of the component: rad, mm or
+    none.
+    """
 
     mean: F64  # (B,) of each bin
-    covariance: F64  # (B, B) of it among data sets; (B,) variances of many bins
-    outside: float  # the share of bins outside of the band
-    p_value: float  # that a data set has so large a share
+    covariance: F64  # (B, B) of the mean among data sets; (B,) variances if there are many bins
+    outside: float  # the share of bins outside the band
+    p_value: float  # probability that a data set of the model has so large a share
     weight: F64  # (B,) square of the tip's motion with the component, summed over each bin
     rests: int
     strength: Strength
 
     @property
     def band(self) -> F64:
-        """(B,) how far from 0 the means of 95 % of all data sets lie at most."""
+        """The half-width (B,) about 0 that holds the means of 95 % of all data sets."""
         return HALF_WIDTH * np.sqrt(_get_variances(self.covariance))
 
     @property
     def sets(self) -> F64:
-        """(r, B) of a few data sets."""
+        """The means (r, B) of a few data sets."""
         normal = np.random.default_rng(CURVES_SEED).normal(size=(len(self.mean), SETS_SHOWN))
         sigma = np.sqrt(_get_variances(self.covariance))
         if self.covariance.ndim == 2:
@@ -80,8 +83,11 @@ class ResidualCurve:
 
     @property
     def rms_um(self) -> float:
-        """3-D RMS in µm of what the curve explains of the tip's residuals, beyond what noise makes:
-        of curves that are wholly outside, the one that the error goes by has the largest."""
+        """The 3-D RMS in µm of the tip's residuals that the curve explains beyond noise.
+
+        Of curves that are wholly outside their band, that of the variable on which the error
+        depends has the largest.
+        """
         beyond_noise = self.mean**2 - _get_variances(self.covariance)
         explained_mm2 = max(float(self.weight @ beyond_noise), 0.0)
         return 1e3 * float(np.sqrt(explained_mm2 / self.rests))
@@ -98,8 +104,11 @@ class ResidualComparison:
 
     @property
     def order(self) -> tuple[float, bool]:
-        """What comparisons are sorted by: what stands out most stands first. What is the same all
-        over is of the time since the calibration."""
+        """The sort key: comparisons that stand out of noise most come first.
+
+        An error that is the same for all values of a variable is attributed to the time since the
+        calibration.
+        """
         strength, name = self.before.strength, self.bins.variable
         if name != "time_s" and strength.best <= (1.0 + SHARE_BEYOND) * strength.flat + BEYOND_FLAT:
             return (-round(strength.flat, ORDER_DIGITS), True)
@@ -111,7 +120,7 @@ class ResidualComparison:
         return (-round(strength.best, ORDER_DIGITS), name != "time_s")
 
     def as_json(self) -> dict[str, str | float | list[str]]:
-        """An entry of `predictive`."""
+        """Return an entry of `predictive`."""
         return {
             "variable": self.bins.variable,
             "component": self.component.name,
@@ -129,17 +138,17 @@ class ResidualComparison:
 
 @dataclass(frozen=True)
 class CurveLayout:
-    """What curves are made over: the same for every model."""
+    """The variables and sums over which curves are made, the same for every model."""
 
     variables: list[Bins]
-    sums: FunctionSums  # over each variable, and over the temperatures together
+    sums: FunctionSums  # over each variable, and over lines in the temperatures together
     warm: list[int]  # which variables are the temperatures of the arm's sensors
     waves: Waves
-    normal: F32  # (B, r) random numbers that p-values are drawn by
+    normal: F32  # (B, r) random numbers from which p-values are computed
 
 
 def make_layout(variables: list[Bins], blocks: Blocks) -> CurveLayout:
-    """Over *variables* at the rests of *blocks*, of one model's columns or another's."""
+    """Make the layout for *variables* at the rests of *blocks*, the columns of any model."""
     warm = [
         i
         for i, bins in enumerate(variables)
@@ -163,19 +172,21 @@ def make_layout(variables: list[Bins], blocks: Blocks) -> CurveLayout:
 
 @dataclass(frozen=True)
 class ModelSums:
-    """What a model's residuals and its noise sum up to, in units of each rest's noise."""
+    """Sums of a model's residuals and their scatter, in units of each rest's noise."""
 
-    by_component: list[list[tuple[F64, Scatter]]]  # of each component, of each variable
-    strengths: list[list[Strength]]  # of each variable, of each component
-    levers: list[F64]  # of each variable (B, K) squares of the component's motion
+    by_component: list[list[tuple[F64, Scatter]]]  # by component, then by variable
+    strengths: list[list[Strength]]  # by variable, then by component
+    levers: list[F64]  # by variable (B, K): squares of the component's motion
     weights: list[F64]  # the same in mm²
-    spread: F64  # (K,) by how much more the residuals scatter than the model's data sets
+    spread: F64  # (K,) scatter of the residuals over that of the model's data sets
 
 
 def compare(diagnosis: Diagnosis) -> list[ResidualComparison]:
-    """Every variable with every component, by the noise that the last fit found; what stands out
-    of noise most under the model under test stands first."""
-    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
+    """Compare every variable with every component, in the noise of the last fit.
+
+    Comparisons that stand out of noise most under the model under test come first.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads cost time
         return _compare(diagnosis.search)
 
 
@@ -201,7 +212,7 @@ def _compare(search: SearchResult) -> list[ResidualComparison]:
 
 
 def _sum_up(fit: Fit, layout: CurveLayout) -> ModelSums:
-    """Component by component: the products of all together are large."""
+    """Sum up component by component: the products of all together are large."""
     named, moves = make_components(fit.linear)  # (n, 3, K)
     misfit = compute_misfit(fit)
     number = {bins.variable: i for i, bins in enumerate(layout.variables)}
@@ -234,14 +245,17 @@ def _sum_up(fit: Fit, layout: CurveLayout) -> ModelSums:
 
 
 def _make_curves(sums: ModelSums, layout: CurveLayout, spread: F64) -> list[ResidualCurve]:
-    """Bins by bins, component by component, whose noise is so many times that found."""
+    """Make the curves, variable by variable and then by component.
+
+    *spread* (K,): factors of each component's noise.
+    """
     curves = []
     for v, bins in enumerate(layout.variables):
         for k, of_variables in enumerate(sums.by_component):
             values, scatter = of_variables[v]
             bins_alone = slice(len(values) - len(bins.starts), None)
             covariance = scatter.covariance[(bins_alone,) * scatter.covariance.ndim]
-            # Of a bin whose sum is wholly absorbed what is left is rounding.
+            # The variance of a bin whose sum is wholly absorbed is rounding.
             least_variance = LEAST_VARIANCE_SHARE * scatter.unabsorbed[bins_alone]
             is_clear = _get_variances(covariance) > least_variance
             covariance = covariance * (
@@ -269,13 +283,13 @@ def _make_curves(sums: ModelSums, layout: CurveLayout, spread: F64) -> list[Resi
 
 
 def _get_variances(covariance: F64) -> F64:
-    """(B,) of a covariance (B, B), or of variances (B,) alone."""
+    """Return the variances (B,) of a covariance (B, B), or of variances (B,) alone."""
     variances = covariance if covariance.ndim == 1 else np.diag(covariance)
     return np.maximum(variances, 0.0)
 
 
 def _make_factor(covariance: F64) -> F64:
-    """(B, B) with which unit variances make what is correlated as a *covariance*."""
+    """Return a factor (B, B) that gives independent unit noise this *covariance*."""
     sigma = np.sqrt(np.maximum(np.diag(covariance), LEAST_POSITIVE))
     root, turned = np.linalg.eigh(covariance / np.outer(sigma, sigma))
     factor: F64 = turned * np.sqrt(np.maximum(root, 0.0))
@@ -283,8 +297,11 @@ def _make_factor(covariance: F64) -> F64:
 
 
 def _compute_p_value(outside: float, covariance: F64, normal: F32) -> float:
-    """That a curve of noise has so large a share *outside* its band: of curves drawn by the
-    *covariance* (B, B) of data sets, or of independent bins (B,)."""
+    """Return the probability that a curve of noise has so large a share *outside* its band.
+
+    Curves are drawn by the *covariance* (B, B) of data sets. Bins with variances (B,) alone count
+    as independent.
+    """
     if not outside:
         return 1.0
     if covariance.ndim == 1:

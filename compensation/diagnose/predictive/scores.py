@@ -1,15 +1,15 @@
-"""What the residuals tell of a component that goes by a variable: scores and their information.
+"""Scores of the residuals along a component over a variable, and their information.
 
-A curve that is added to a model makes its residuals likelier. By how much, the score test tells
-(Rao, Proc. Cambridge Philos. Soc. 44, 1948): along the component's motion, in units of each rest's
-noise, sums of the residuals over the curve's features; and how these sums scatter where the model
-is right, after all that absorbs has taken its part of them.
+Adding a curve to a model makes its residuals likelier. The score test shows by how much (Rao, Proc.
+Cambridge Philos. Soc. 44, 1948). It needs two things, in units of each rest's noise. The first are
+sums of the residuals along the component's motion over the curve's features. The second is the
+scatter of these sums if the model is right, after all nuisance columns have absorbed their part.
 
-So they scatter among data sets that the model gives, each refitted as the readings were (a
+That scatter is the one among data sets of the model, each refitted as the readings were (a
 posterior predictive check: Gelman, Meng and Stern, Statistica Sinica 6, 1996). The refit is linear,
-so that this needs no drawing. Where it weighs by the noise Σ, columns C of what absorbs leave
-residuals of covariance Σ − C A⁻¹ Cᵀ, A being the information of their amplitudes, priors included.
-Where copies of a posture share their noise it does not: `copies.py`.
+so that no data set needs to be drawn. If the refit is weighted by the noise of covariance Σ,
+residuals have the covariance Σ − C A⁻¹ Cᵀ, with the nuisance columns C and the information A of
+their amplitudes, priors included. It is not where copies of a posture share noise: `copies.py`.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ from armd.compensation.estimate.linear.linear_model import LinearModel
 
 @dataclass(frozen=True)
 class Absorption:
-    """What the nuisance columns absorb of sums along one component's motion."""
+    """Products of a component's motion with the nuisance columns, which absorb a part of it."""
 
     problem: LinearModel  # of b columns
-    residual: F64  # (b,) what they absorb of the residual: as exactly as of a curve
+    residual: F64  # (b,) coordinates of the absorbed part of the residual
     pieces: Sequence[Piece]  # the whitened columns, piece by piece
     values: Sequence[F64]  # of each piece (k, c) products of the motion with its columns
 
     def project_sums(self, sums: RestFunctions, count: int) -> F64:
-        """Return (m, b) what is absorbed of *count* sums, along directions that are apart."""
+        """Return coordinates (m, b) of the absorbed part of *count* sums (orthonormal basis)."""
         across = np.zeros((self.problem.layout.n, count))
         for number, (piece, values) in enumerate(zip(self.pieces, self.values, strict=True)):
             across[piece.columns] += sums.sum_at_piece(number, values).T
@@ -59,7 +59,7 @@ class Absorption:
     def project_noise(
         self, sums: RestFunctions, count: int, copies: Copies, shared: SparseSums
     ) -> F64:
-        """Return (m, b) covariances of *count* sums of noise with what is absorbed of it."""
+        """Return covariances (m, b) of *count* sums of noise with its absorbed part."""
         across = np.zeros((self.problem.layout.n, count))
         for number, (piece, values) in enumerate(zip(self.pieces, self.values, strict=True)):
             own_noise = copies.own_share[piece.rests, None] * values
@@ -70,8 +70,10 @@ class Absorption:
         return self.problem.project(across).T
 
     def compute_variance(self, copies: Copies | None, sizes: csr_array) -> float:
-        """Return by how much what is absorbed lessens the variance of the products at all rests,
-        *sizes* (n, s) being those of the shared noises."""
+        """Return by how much absorption reduces the variance of the products, over all rests.
+
+        *sizes* (n, s): of the noises that copies share, in the products.
+        """
         covariance, lessened = self.problem.covariance, 0.0
         if copies is not None:
             turn = self.problem.project(np.eye(self.problem.layout.n)).T
@@ -121,16 +123,20 @@ class Score:
 
     @property
     def spread(self) -> float:
-        """By how much more the residuals scatter along the component than the model's data sets
-        do: the noise found is right over all, not along each."""
+        """The ratio of the residuals' scatter along the component to that of the model's data sets.
+
+        The estimated noise is right over all components, not along each.
+        """
         variance = float(self.variance.sum()) + float(self._sizes.power(2).sum())
         expected = variance - self.absorption.compute_variance(self.copies, self._sizes)
         measured = float(self.remaining @ self.remaining)
         return float(np.sqrt(max(measured, LEAST_SUM) / max(expected, LEAST_SUM)))
 
     def sum_over(self, sums: FunctionSums) -> list[tuple[F64, Scatter]]:
-        """Return each variable's sums (m + B,) over its functions, and how they scatter where there
-        is noise alone; of too many bins, each by itself."""
+        """Return for each variable the sums (m + B,) over its functions, and their scatter.
+
+        The scatter is that of noise alone. Where there are too many bins, each counts by itself.
+        """
         product, variance = sums.sum_values(np.stack([self.product, self.variance], axis=1)).T
         absorbed = self.absorption.project_sums(sums, len(product))
         values = product - absorbed @ self.absorption.residual
@@ -156,9 +162,12 @@ class Score:
         shared: F64 | None,
         noise: F64 | None,
     ) -> Scatter:
-        """Return how one variable's sums scatter, by those (m + B,) of the variance, what is
-        *absorbed* (m + B, b), and of copies the *shared* noise (m + B, s) and what is absorbed of
-        *noise* (m + B, b)."""
+        """Return the scatter of one variable's sums.
+
+        *variance* (m + B,) and *absorbed* (m + B, b) are sums. If there are copies, *shared*
+        (m + B, s) has the sizes of the noises that they share, and *noise* (m + B, b) covariances
+        with the absorbed noise.
+        """
         unabsorbed = variance + (0.0 if shared is None else (shared**2).sum(axis=1))
         if not functions.is_together:
             lessened = absorbed if noise is None else 2.0 * noise - absorbed @ self._absorbed_noise
@@ -171,9 +180,9 @@ class Score:
         return Scatter(self._lessen(information, absorbed, noise), np.diag(information).copy())
 
     def sum_along(self, shapes: F64) -> tuple[F64, Scatter]:
-        """Return the sums (s, m) over each of some shapes (s, m, n), and how they scatter."""
+        """Return the sums (s, m) over each shape (s, m, n), and their scatter."""
         information = (shapes * self.variance) @ shapes.transpose(0, 2, 1)
-        rows = shapes.reshape(-1, shapes.shape[2])  # one product of all takes half of one each
+        rows = shapes.reshape(-1, shapes.shape[2])  # one product of all takes half the time
         sums = ShapeSums(rows, [piece.rests for piece in self.absorption.pieces])
         by_shape = (*shapes.shape[:2], -1)
         absorbed, noise = self.absorption.project_sums(sums, len(rows)).reshape(by_shape), None
@@ -187,7 +196,7 @@ class Score:
         return values, Scatter(self._lessen(information, absorbed, noise), free)
 
     def _lessen(self, information: F64, absorbed: F64, noise: F64 | None) -> F64:
-        """Return the covariance (…, m, m) of sums after what is absorbed (…, m, b) of them."""
+        """Return the covariance (…, m, m) of sums without their *absorbed* part (…, m, b)."""
         across = np.swapaxes(absorbed, -1, -2)
         if noise is None:
             return information - absorbed @ across
@@ -202,7 +211,7 @@ class Score:
 
 
 def compute_scores(fit: Fit, moves: F64) -> Iterator[Score]:
-    """Yield the score of each component, by the tip's motion (n, 3, K)."""
+    """Yield the score of each component, from the tip's motion (n, 3, K)."""
     noise = fit.noise
     white = noise.whitener @ moves
     residual = noise.whiten(np.stack([fit.residual, fit.residual - fit.fitted], axis=1))
@@ -220,7 +229,7 @@ def compute_scores(fit: Fit, moves: F64) -> Iterator[Score]:
 
 
 def compute_misfit(fit: Fit) -> Misfit:
-    """What a model leaves in all, of its rests and of certified lengths."""
+    """Return a model's misfit over its rests and certified lengths."""
     noise = fit.noise
     absorbed = _absorb_residual(fit)
     chi_squared = float((noise.whiten(fit.residual) ** 2).sum() - (absorbed**2).sum())
@@ -231,17 +240,20 @@ def compute_misfit(fit: Fit) -> Misfit:
 
 
 def _absorb_residual(fit: Fit) -> F64:
-    """(b,) what absorbs takes of the residual."""
+    """Return the coordinates (b,) of the absorbed part of the residual."""
     return fit.problem.project(fit.across(fit.residual))
 
 
 def solve_again(fit: Fit, noise: RestNoise) -> Fit:
-    """The same model solved again by *noise*: that of the model that explains the data best, so
-    that what a model lacks does not pass for noise."""
+    """Solve the same model again in the given *noise*.
+
+    It is the noise of the model that explains the data best. So an error of a poorer model does not
+    count as noise.
+    """
     variance = fit.nuisance.variance.copy()
     variance[fit.layout.drift] = max(noise.drift_mm**2, LEAST_VARIANCE_MM2)
     nuisance = Nuisance(fit.nuisance.columns, variance)
-    # Winsorised as it was: one gross error would bend the whole curve.
+    # Residuals stay winsorised: one gross error would distort the whole curve.
     problem, side = make_normal_equations(
         nuisance.columns, nuisance, fit.layout, noise, fit.residual
     )

@@ -1,11 +1,11 @@
-"""How far residuals over a variable stand out of noise, whatever the number of its bins.
+"""The strength of residuals over a variable beyond noise, whatever the number of its bins.
 
-Shapes of more and more freedom are tried: flat, a straight line, what the variable's kind suggests
-(an angle's harmonics and waves, a rate's amount and sign, a step in time), every bin by itself.
-Each is as strong as the model would be likelier with it: twice the logarithm of the ratio, less
-k log n, k being its freedom (Schwarz, Annals of Statistics 6, 1978), so that many bins have no
-advantage over few. What a shape leaves counts as noise beside the noise that was found: of a large
-error every set of many bins takes a part by chance.
+Shapes of increasing freedom are tried: flat, a straight line, those that suit the variable's kind
+(an angle's harmonics and waves, a rate's amount and sign, a step in time), every bin by itself. The
+strength of a shape is twice the log likelihood ratio of the model with and without it, less k log n
+with k its freedom (Schwarz, Annals of Statistics 6, 1978). So many bins have no advantage over few.
+Residuals that remain beside a shape count as noise, too, where they exceed the estimated noise: a
+large error projects by chance on any set of many bins.
 """
 
 from __future__ import annotations
@@ -27,14 +27,16 @@ from armd.compensation.diagnose.predictive.bins import Bins
 
 @dataclass(frozen=True)
 class Misfit:
-    """What a model leaves in all."""
+    """The misfit of a model over all residuals."""
 
-    chi_squared: float  # χ² by the noise that was found
-    freedom: float  # what it would be of noise alone
+    chi_squared: float  # χ² by the estimated noise
+    freedom: float  # its expected value for noise alone
 
     def compute_gain(self, explained: F64 | float) -> F64:
-        """Twice the log likelihood that a curve gains which explains so much of χ², by the noise
-        found or, where more is left, by what is left."""
+        """Return twice the log likelihood gained by a curve that has *explained* so much of χ².
+
+        It is by the estimated noise, or by the remaining residuals where these are larger.
+        """
         gain: F64 = self._compute_cost(self.chi_squared) - self._compute_cost(
             self.chi_squared - explained
         )
@@ -46,26 +48,26 @@ class Misfit:
         return cost
 
     def compute_price(self, unknowns: I64 | int, searched: int = 1) -> F64:
-        """Of so many unknowns, and of the best of so many shapes."""
+        """Return the penalty for so many unknowns, and for the best of *searched* shapes."""
         price: F64 = unknowns * np.log(self.freedom) + 2.0 * np.log(max(searched, 1))
         return price
 
 
 @dataclass(frozen=True)
 class Strength:
-    """Of the best shape, and of a flat one."""
+    """The strength of the best shape, and of a flat one."""
 
     best: float
     flat: float
 
     @property
     def noise_units(self) -> float:
-        """Root of what stands out; 0 where noise explains it."""
+        """The root of the best strength; 0 where noise explains it."""
         return float(np.sqrt(max(self.best, 0.0)))
 
 
 def make_features(bins: Bins) -> F64:
-    """(k, m) functions of a variable at the rests in its bins' order; the first is flat."""
+    """Return functions (k, m) of a variable at the rests in its bins' order; the first is flat."""
     values = bins.values
     flat = np.ones((len(bins.order), 1))
     if values is None:
@@ -82,8 +84,10 @@ def make_features(bins: Bins) -> F64:
 
 
 def _orthogonalise(columns: F64) -> F64:
-    """Each of *columns* without what those before it have, of mean square 1; one that has nothing
-    of its own is 0."""
+    """Orthogonalise each of *columns* to those before it, and scale it to a mean square of 1.
+
+    A column that depends on those before it becomes 0.
+    """
     length = np.linalg.norm(columns, axis=0)
     basis, upper = np.linalg.qr(columns)
     is_independent = np.abs(np.diag(upper)) > DEPENDENT_SHARE * length
@@ -92,7 +96,7 @@ def _orthogonalise(columns: F64) -> F64:
 
 
 def list_shapes(bins: Bins, count: int) -> list[I64]:
-    """Places of each shape in the vector of a variable's features, *count*, and then its bins."""
+    """List each shape's indices in a vector of *count* features and then bins."""
     first = SHAPES_BY_KIND.get(bins.kind, ()) if bins.values is not None else ()
     every = count + np.arange(len(bins.starts))
     return [*(np.arange(k) for k in (1, *first)), every]
@@ -100,7 +104,7 @@ def list_shapes(bins: Bins, count: int) -> list[I64]:
 
 @dataclass(frozen=True)
 class Scatter:
-    """How sums (…, m) of noise scatter."""
+    """The scatter of sums (…, m) of noise."""
 
     covariance: F64  # (…, m, m); or variances (…, m) of sums taken as independent
     unabsorbed: F64  # (…, m) variances if nothing absorbed any of them
@@ -112,17 +116,20 @@ class Scatter:
 
     @classmethod
     def stack(cls, scatters: Iterable[Scatter]) -> Scatter:
-        """Of several vectors of sums, each by itself."""
+        """Stack the scatters of several vectors of sums."""
         pairs = [(scatter.covariance, scatter.unabsorbed) for scatter in scatters]
         return cls(*map(np.array, zip(*pairs, strict=True)))
 
     def select(self, places: I64) -> Scatter:
-        """Of some of the sums, or of several choices (…, k) among them."""
+        """Return the scatter of some of the sums, or of several choices (…, k) among them."""
         rows, columns = places[..., :, None], places[..., None, :]
         return Scatter(self.covariance[..., rows, columns], self.unabsorbed[..., places])
 
     def combine(self, shape: F64) -> Scatter:
-        """Of sums (s, k) of these sums that are apart from each other, by rows (s, k, m)."""
+        """Return the scatter of sums (s, k) of these sums, by rows (s, k, m).
+
+        The rows must have no sum in common.
+        """
         covariance = shape @ self.covariance[..., None, :, :] @ np.swapaxes(shape, -1, -2)
         return Scatter(covariance, (shape**2 @ self.unabsorbed[..., None, :, None])[..., 0])
 
@@ -130,8 +137,10 @@ class Scatter:
 def compute_strengths(
     bins: Bins, values: F64, scatter: Scatter, misfit: Misfit, joint: F64
 ) -> list[Strength]:
-    """Of a variable's *values* (K, m + B), of each component; *joint* (K,): what the variable
-    explains with another of its kind."""
+    """Return the strength of each component from a variable's *values* (K, m + B).
+
+    *joint* (K,): scores of the variable together with another of its kind.
+    """
     if scatter.is_independent:
         return _make_strengths(_score_many_bins(values, scatter, misfit))
     count = values.shape[1] - len(bins.starts)
@@ -148,13 +157,13 @@ def compute_strengths(
 
 
 def _make_strengths(tried: Sequence[F64]) -> list[Strength]:
-    """By the scores (K,) of each shape; the first is flat."""
+    """Make strengths from the scores (K,) of each shape, the first of which is flat."""
     best = np.max(tried, axis=0)
     return [Strength(*pair) for pair in zip(best.tolist(), tried[0].tolist(), strict=True)]
 
 
 def _score_many_bins(values: F64, scatter: Scatter, misfit: Misfit) -> tuple[F64, F64]:
-    """(K,) of a flat shape, and of every bin, of more bins than are taken together."""
+    """Score (K,) a flat shape and every bin, for more bins than have a common covariance."""
     is_clear = scatter.covariance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
     total = np.maximum(scatter.covariance.sum(axis=1), LEAST_POSITIVE)
     flat = misfit.compute_gain(values.sum(axis=1) ** 2 / total) - misfit.compute_price(1)
@@ -164,7 +173,7 @@ def _score_many_bins(values: F64, scatter: Scatter, misfit: Misfit) -> tuple[F64
 
 
 def score_shapes(values: F64, scatter: Scatter, misfit: Misfit, searched: int = 1) -> F64:
-    """(…,) of each of some shapes with *values* (…, m), the best of so many *searched*."""
+    """Return the score (…,) of each shape with *values* (…, m), the best of so many *searched*."""
     scale = np.sqrt(np.maximum(scatter.unabsorbed, LEAST_POSITIVE))
     root, turned = np.linalg.eigh(scatter.covariance / (scale[..., :, None] * scale[..., None, :]))
     is_clear = root > LEAST_VARIANCE_SHARE
@@ -174,7 +183,7 @@ def score_shapes(values: F64, scatter: Scatter, misfit: Misfit, searched: int = 
 
 
 def make_lines(variables: Sequence[Bins], rests: int) -> F64:
-    """(n, 1 + S) flat, and a straight line over each of several variables."""
+    """Return (n, 1 + S): a constant, and a straight line over each of several variables."""
     lines = np.zeros((rests, 1 + len(variables)))
     lines[:, 0] = 1.0
     for i, bins in enumerate(variables, 1):
@@ -185,12 +194,15 @@ def make_lines(variables: Sequence[Bins], rests: int) -> F64:
 
 
 def compute_strengths_of_pairs(values: F64, scatter: Scatter, misfit: Misfit) -> F64:
-    """(S,) of straight lines (1 + S,) over two variables together, for the one of each pair that
-    explains more by itself: a difference of two temperatures is explained by neither."""
+    """Return the scores (S,) of straight lines over two variables together, from sums (1 + S,).
+
+    A pair's score belongs to the one of its variables that explains more by itself. A difference of
+    two temperatures is explained by neither alone.
+    """
     count = len(values) - 1
 
     def score_lines(lines: I64, searched: int) -> F64:
-        places = np.insert(1 + lines, 0, 0, axis=1)  # beside a flat one
+        places = np.insert(1 + lines, 0, 0, axis=1)  # together with a constant
         return score_shapes(values[places], scatter.select(places), misfit, searched)
 
     by_itself = score_lines(np.arange(count)[:, None], 1)
@@ -203,7 +215,7 @@ def compute_strengths_of_pairs(values: F64, scatter: Scatter, misfit: Misfit) ->
 
 
 def _score_best_step(sums: F64, scatter: Scatter, misfit: Misfit) -> F64:
-    """(K,) of the best step between two of the bins."""
+    """Score (K,) the best step between two of the bins."""
     count = sums.shape[1]
     if count < 2:
         return np.full(len(sums), -np.inf)
@@ -215,7 +227,7 @@ def _score_best_step(sums: F64, scatter: Scatter, misfit: Misfit) -> F64:
 
 
 def _score_largest_bin(sums: F64, scatter: Scatter, misfit: Misfit) -> F64:
-    """(K,) of the one bin that stands out most by itself: a target that was loosened."""
+    """Score (K,) the one bin that stands out most by itself, such as a target that was loosened."""
     variance = np.diagonal(scatter.covariance, axis1=1, axis2=2)
     is_clear = variance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
     explained = np.where(is_clear, sums**2 / np.maximum(variance, LEAST_POSITIVE), 0.0)
@@ -223,6 +235,6 @@ def _score_largest_bin(sums: F64, scatter: Scatter, misfit: Misfit) -> F64:
 
 
 def _scale_to_unit(values: F64) -> F64:
-    """To −1 … 1."""
+    """Scale values to −1 … 1."""
     scaled: F64 = 2.0 * (values - values.min()) / max(float(np.ptp(values)), LEAST_POSITIVE) - 1.0
     return scaled

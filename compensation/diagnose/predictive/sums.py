@@ -17,20 +17,23 @@ from armd.compensation.diagnose.predictive.bins import Bins
 
 @dataclass(frozen=True)
 class Functions:
-    """What values are summed over together."""
+    """The features and bins of one variable over which values are summed."""
 
     columns: F64  # (n, m) features; 0 where the variable's value is missing
-    is_in: csr_array  # (B, n) which rests a bin holds: multiplying is faster than adding up
-    is_together: bool = True  # else there are many bins, which count as independent
+    is_in: csr_array  # (B, n) rests of each bin, as a matrix: multiplying is faster than adding
+    is_together: bool = True  # False: many bins, which count as independent
 
     @classmethod
     def from_columns(cls, columns: F64) -> Functions:
-        """Of *columns* (n, m) alone."""
+        """Make functions from *columns* (n, m) alone, without bins."""
         return cls(columns, csr_array((0, len(columns))))
 
     @classmethod
     def from_features(cls, features: F64, bins: Bins, rests: int) -> Functions:
-        """Of *features* (k, m) of the rests in the bins' order; none beside many bins."""
+        """Make functions from *features* (k, m) of the rests in the bins' order, and from the bins.
+
+        Where there are many bins, the features are dropped.
+        """
         is_together = features.shape[1] + len(bins.starts) <= MOST_TOGETHER
         columns = np.zeros((rests, features.shape[1] * is_together))
         columns[bins.order] = features[:, : columns.shape[1]]
@@ -42,11 +45,11 @@ class Functions:
 
     @property
     def count(self) -> int:
-        """How many columns there are."""
+        """The number of columns."""
         return int(self.columns.shape[1])
 
     def sum_values(self, values: F64) -> F64:
-        """(m + B, …) sums of values (n, …)."""
+        """Return sums (m + B, …) of values (n, …)."""
         return np.concatenate([self.columns.T @ values, self.is_in @ values])
 
 
@@ -84,7 +87,7 @@ class RestFunctions(Protocol):
 
 @dataclass(frozen=True)
 class ShapeSums:
-    """Sums over shapes (m, n), the rests (k,) of each piece being given."""
+    """Sums over shapes (m, n), given the rests (k,) of each piece."""
 
     shapes: F64
     pieces: Sequence[I64]
@@ -105,7 +108,7 @@ class FunctionSums:
     """Sums over the functions of several variables: all their columns, then all their bins."""
 
     def __init__(self, variables: Sequence[Functions], pieces: Sequence[I64]) -> None:
-        """*pieces*: the rests (k,) of each."""
+        """Take the functions of each variable, and the rests (k,) of each of *pieces*."""
         self.variables = variables
         self._columns = np.hstack([functions.columns for functions in variables])
         self._is_in = vstack([functions.is_in for functions in variables], format="csr")

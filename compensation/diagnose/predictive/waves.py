@@ -1,7 +1,7 @@
-"""Waves of a joint's angle error over angles: teeth and rollers, which bins of degrees smear.
+"""Waves of a joint's angle error over angles: teeth and rollers, finer than the bins.
 
-Of each joint's angle, and of the sum and the difference of two neighbours' angles: a wheel that
-runs between two joints turns by either (`effects/mechanical/gear_mesh.py`).
+They are taken over each joint's angle, and over the sum and the difference of two neighbours'
+angles: a wheel between two joints turns by either (`effects/mechanical/gear_mesh.py`).
 """
 
 from __future__ import annotations
@@ -20,14 +20,16 @@ from armd.compensation.diagnose.predictive.strength import Misfit, score_shapes
 
 @dataclass(frozen=True)
 class Waves:
-    """Of all joints' angles."""
+    """The waves over all joints' angles."""
 
     variables: tuple[str, ...]
-    single: F64  # of each variable (V, WAVES, 3, n): flat, cosine and sine of each order
+    single: F64  # (V, WAVES, 3, n) by variable and order: constant, cosine and sine
 
     def strengths(self, score: Score, joint: str, misfit: Misfit) -> dict[str, float]:
-        """Of the variables, for a component along a *joint*'s motion, as "q2"; of its angle with a
-        neighbour's, for the one that explains more by itself."""
+        """Score the variables for a component along the motion of a *joint*, such as "q2".
+
+        The score of its angle with a neighbour's belongs to the one that explains more by itself.
+        """
         if not self.variables:
             return {}
         shapes = self.single.reshape(-1, *self.single.shape[2:])
@@ -45,13 +47,13 @@ class Waves:
         return strengths
 
     def _list_pairs(self) -> list[tuple[str, str]]:
-        """Variables of neighbouring joints."""
+        """List the pairs of variables of neighbouring joints."""
         neighbours = ((name, f"q{int(name[1:]) + 1}") for name in self.variables)
         return [names for names in neighbours if names[1] in self.variables]
 
 
 def make_waves(bins: Sequence[Bins], rests: int) -> Waves:
-    """Over those of *bins* that are joints' angles, each of all points."""
+    """Make waves over those of *bins* that are joints' angles; *rests*: number of points."""
     angles = [angle for angle in bins if angle.kind == "angle"]
     single = np.zeros((len(angles), WAVES, 3, rests))
     orders = np.arange(1, WAVES + 1)[:, None]
@@ -64,8 +66,10 @@ def make_waves(bins: Sequence[Bins], rests: int) -> Waves:
 
 
 def _combine(first: F64, second: F64) -> F64:
-    """(2 WAVES, 3, n) of the sum, then of the difference of two angles, from the waves (WAVES, 3,
-    n) of each."""
+    """Return waves (2 WAVES, 3, n) of the sum, then of the difference, of two angles.
+
+    *first* and *second* (WAVES, 3, n) are the waves of each.
+    """
     flat, cosines, sines = np.moveaxis(first * second, 1, 0)
     mixed, mixed_back = first[:, 2] * second[:, 1], first[:, 1] * second[:, 2]
     of_sum = [flat, cosines - sines, mixed + mixed_back]

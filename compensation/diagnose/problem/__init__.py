@@ -1,1 +1,1 @@
-"""What the sessions are to the diagnosis: one linear problem around a model, as values."""
+"""One linear problem of the sessions around a model, as values for the diagnosis."""

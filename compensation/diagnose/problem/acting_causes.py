@@ -1,12 +1,13 @@
-"""Causes that act through other findings: a sensor that reads wrong errs in all that goes by it.
+"""Causes that act through other findings: a wrong sensor affects all that depends on it.
 
-A sensor's offset adds its size times the derivative of the model by its temperature: of the terms
-under test, and of what was found since. Its columns are made anew as findings join and their
-amplitudes change; so the product of two unknowns, the offset and the other finding's amplitude, is
-fitted by turns, and what is written of both is what was fitted. So it is with a link's lag, too.
+A sensor's offset adds its size times the derivative of the model by that sensor's temperature. The
+model includes the terms under test and those of the findings so far. The columns of the offset are
+rebuilt as findings join and their amplitudes change. The product of two unknowns, the offset and
+the other finding's amplitude, is thus fitted by alternation, and both are written as fitted. The
+lag of a link is treated alike.
 
-Where two sensors are exchanged, what else goes by one of them goes by the other: a candidate of its
-own, beside the exchange only.
+Where two sensors are exchanged, all else that depends on one of them depends on the other. Such a
+cause is a candidate of its own, and only beside the exchange.
 """
 
 from __future__ import annotations
@@ -25,8 +26,11 @@ from armd.compensation.model.slow_factors import Temperature
 
 
 def find_acting(fit: Fit) -> tuple[Acting, ...]:
-    """The findings through which others act, at their amplitudes; as they were when the others'
-    columns were made, where they have hardly changed."""
+    """Return the findings through which other causes act, at their fitted amplitudes.
+
+    A finding keeps the amplitudes with which the other causes' columns were made, if they have
+    hardly changed since (`COLUMNS_CHANGED`).
+    """
     before = [cause for c in fit.findings for cause in c.through or ()]
     causes = []
     for candidate, values in zip(fit.findings, fit.amplitudes, strict=True):
@@ -39,8 +43,11 @@ def find_acting(fit: Fit) -> tuple[Acting, ...]:
 def update_candidate(
     candidate: Candidate, facts: SessionFacts, acting: Sequence[Acting]
 ) -> Candidate | None:
-    """A finding that acts through others, made with these *acting*, or itself where it was; None
-    where there is nothing left through which it acts, or the exchange beside which it was."""
+    """Rebuild a finding that acts through others, for these *acting* findings.
+
+    Returns the finding itself where nothing changed. Returns None where no finding is left through
+    which it acts, or where the exchange of sensors that it depends on is gone.
+    """
     if catalogue.CATALOGUE[candidate.cause].by_temperature:
         places = {cause.candidate.place for cause in acting}
         all_there = all(cause.candidate.place in places for cause in candidate.through or ())
@@ -64,7 +71,7 @@ def add_acting(
     refused: Collection[tuple[str, str]],
     arm: Arm,
 ) -> Signatures:
-    """The signatures with those candidates that act through what a fit has found."""
+    """Return the signatures with the candidates that act through a fit's findings added."""
     candidates = list_acting_through(fit, facts, refused)
     return (
         signatures.with_more(compile_candidates(candidates, fit.linear, arm))
@@ -76,8 +83,10 @@ def add_acting(
 def list_acting_through(
     fit: Fit, facts: SessionFacts, refused: Collection[tuple[str, str]]
 ) -> list[Candidate]:
-    """The candidates, none of a *refused* place, that act through what a fit has found, or beside
-    sensors that it has found exchanged."""
+    """List candidates that act through a fit's findings, or that an exchange of sensors adds.
+
+    Candidates of a *refused* place are skipped.
+    """
     causes = find_acting(fit)
     candidates = list(catalogue.list_candidates_under(facts, causes)) if causes else []
     for exchanged in (c for c in fit.findings if c.cause == "sensor_swapped"):
@@ -86,7 +95,7 @@ def list_acting_through(
 
 
 def _goes_with_temperature(candidate: Candidate) -> bool:
-    """Of causes that have a name."""
+    """Return whether a named cause has a factor of temperature."""
     if candidate.cause == "unknown":
         return False
     return any(isinstance(factor, Temperature) for factor in candidate.factors)

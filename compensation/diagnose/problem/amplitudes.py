@@ -1,4 +1,4 @@
-"""What is known of a candidate's amplitudes before any reading."""
+"""The prior of a candidate's amplitudes, before any reading."""
 
 from __future__ import annotations
 
@@ -11,27 +11,29 @@ from armd.compensation.effects.effect import SCALES, Candidate, Column
 
 
 def is_sized(candidate: Candidate) -> bool:
-    """Whether it is a nearly free function, its amplitudes held together by one likely size."""
+    """Return whether a candidate is a nearly free function, its amplitudes of one likely size."""
     own_shape = candidate.location.kind == "shape"
     return len(candidate.columns) > MOST_FREE_COLUMNS and not own_shape
 
 
 def is_curve(candidate: Candidate) -> bool:
-    """Whether it is such a function over the turn of one joint."""
+    """Return whether a candidate is a nearly free function over the turn of one joint."""
     return CATALOGUE[candidate.cause].describe_curve is not None and is_sized(candidate)
 
 
 def compute_broadest_sd(column: Column) -> float:
-    """Standard deviation of an amplitude under the broadest prior that the catalogue has for it."""
+    """Return an amplitude's standard deviation under the catalogue's broadest prior for it."""
     return min(max(SCALES), column.reach) * column.prior_sd
 
 
 def compute_amplitude_variance(candidate: Candidate, size: float) -> F64:
-    """A named cause's amplitudes are as large as they can be, those without a name free; a nearly
-    free function's are of a size in units of the catalogue's.
+    """Return the prior variance (m,) of each amplitude of a candidate.
 
-    Where the readings tell the amplitudes, that changes nothing; where several do the same, they
-    share it rather than stand against each other, a thousand times what they could be.
+    A named cause has the variance of its broadest prior, an unnamed one infinity. A nearly free
+    function has *size* times the catalogue's standard deviation. Where the readings determine the
+    amplitudes, these variances change nothing. Where several amplitudes have the same effect, the
+    variances make them share it. Without variances they would cancel each other at a thousand times
+    their plausible size.
     """
     if not is_sized(candidate):
         if candidate.cause == "unknown":

@@ -1,4 +1,4 @@
-"""The model under test as a calibration gives it, and the same moved or with more terms."""
+"""The model under test as a calibration gives it, moved by a step, or with more terms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from armd.compensation.identify.reflectors import FoundReflector
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
 
-#: In a calibration's provenance, how findings that are not in it would move what was identified.
+#: Key in a calibration's provenance: how findings that it lacks would move the identified values.
 LEFT_OPEN = "left_open"
 
 
@@ -25,8 +25,10 @@ def from_calibration(
     is_given: bool,
     reflectors: Sequence[FoundReflector] = (),
 ) -> Baseline:
-    """The baseline of a calibration; one without covariance is taken as exact when held.
-    *reflectors*: where they sit under it."""
+    """Make the baseline of a calibration; a given one without covariance is taken as exact.
+
+    *reflectors*: where they sit under this calibration.
+    """
     names = arm.layout.names
     constants = [i for i, name in enumerate(names) if name in calibration.covariance_of]
     terms = [i for i in range(len(calibration.terms)) if f"term {i}" in calibration.covariance_of]
@@ -57,8 +59,10 @@ def from_calibration(
 
 
 def keep_size(baseline: Baseline, arm: Arm) -> Baseline:
-    """A baseline that is held, the arm's size as given: its covariance where all lengths together
-    stay. An arm that may shrink errs less on surfaces of which nothing is certified."""
+    """Condition a given baseline's covariance on the arm keeping its size (all lengths together).
+
+    On surfaces of which nothing is certified, an arm that may shrink would have smaller residuals.
+    """
     lengths = np.where(arm.layout.are_lengths, baseline.model.constants, 0.0)
     lengths[arm.layout.base] = 0.0
     grows = lengths[list(baseline.parameters)] @ baseline.root[: len(baseline.parameters)]
@@ -71,14 +75,14 @@ def keep_size(baseline: Baseline, arm: Arm) -> Baseline:
 
 
 def collect_identified(calibration: Calibration, names: Sequence[str]) -> F64:
-    """(n,) constants and coefficients by the *names* that a covariance has for them."""
+    """Return constants and coefficients (n,) by the *names* that a covariance has for them."""
     terms = {f"term {i}": term.coefficient for i, term in enumerate(calibration.terms)}
     values = {**calibration.constants, **terms}
     return np.array([values[name] for name in names])
 
 
 def _left_open(calibration: Calibration) -> list[F64]:
-    """Moves of what its covariance is of, one standard uncertainty each."""
+    """Return moves of identified values by findings left open, by one standard uncertainty."""
     directions = calibration.provenance.get("diagnosis", {}).get(LEFT_OPEN, [])
     return [
         np.array([direction["moves"].get(n, 0.0) for n in calibration.covariance_of])
@@ -87,7 +91,7 @@ def _left_open(calibration: Calibration) -> list[F64]:
 
 
 def compute_root(covariance: F64) -> F64:
-    """R (n, r) with R Rᵀ the covariance; tiny negative eigenvalues of rounding are dropped."""
+    """Return R (n, r) with R Rᵀ the covariance; negative eigenvalues of rounding are dropped."""
     if covariance.size == 0:
         return np.zeros((len(covariance), 0))
     size = np.sqrt(np.maximum(np.diag(covariance), LEAST_POSITIVE))
@@ -98,7 +102,7 @@ def compute_root(covariance: F64) -> F64:
 
 
 def apply_step(model: ModelState, baseline: Baseline, step: F64) -> ModelState:
-    """The model with the identified constants and terms moved by *step* (identified,)."""
+    """Return the model with the identified constants and terms moved by *step* (identified,)."""
     constants = model.constants.copy()
     constants[list(baseline.parameters)] += step[: len(baseline.parameters)]
     terms = list(model.terms)
@@ -111,7 +115,7 @@ def apply_step(model: ModelState, baseline: Baseline, step: F64) -> ModelState:
 def add_findings(
     model: ModelState, findings: Sequence[Candidate], amplitudes: Sequence[F64]
 ) -> ModelState:
-    """The model with the findings' terms appended."""
+    """Return the model with the findings' terms appended."""
     terms = [
         term
         for candidate, values in zip(findings, amplitudes, strict=True)

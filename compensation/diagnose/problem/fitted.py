@@ -1,4 +1,4 @@
-"""A fit as a value: everything known after it."""
+"""A fit as a value: model, noise, residuals and solution."""
 
 from __future__ import annotations
 
@@ -18,41 +18,41 @@ from armd.compensation.estimate.linear.linear_model import LinearModel
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """Everything known after fitting: where the model stands, what is left, what absorbs."""
+    """The result of a fit: the model, its residual and the columns that absorb."""
 
     baseline: Baseline
     linear: Linear
-    model: ModelState  # constants and own terms, findings not included
+    model: ModelState  # constants and its own terms, findings not included
     findings: tuple[Candidate, ...]
     amplitudes: tuple[F64, ...]  # per finding
     covariances: tuple[F64, ...]
     noise: RestNoise
     nuisance: Nuisance
     layout: FitLayout
-    residual: F64  # (N,) before anything absorbs, winsorised about the fit
+    residual: F64  # (N,) before any column absorbs, winsorised about the fit
     raw_residual: F64  # (N,) the same as measured
-    fitted: F64  # (N,) of it what the nuisance columns explain
+    fitted: F64  # (N,) the part of the residual that the nuisance columns explain
     solution: F64  # (b,)
     problem: LinearModel  # of the nuisance columns
 
     @property
     def inverse(self) -> F64:
-        """(b, b) covariance of the solution."""
+        """The covariance (b, b) of the solution."""
         return self.problem.covariance
 
     @property
     def rest_residual_mm(self) -> F64:
-        """(n, 3) what is left of each rest as it was measured."""
+        """The residual (n, 3) mm of each rest as measured, after the fit."""
         n = self.linear.rests.n
         return (self.raw_residual - self.fitted)[: 3 * n].reshape(n, 3)
 
     @property
     def point_residual_mm(self) -> F64:
-        """The same of the points alone: how far an orientation is off is no distance."""
+        """The residual (m, 3) mm of the points alone: an orientation's residual is no distance."""
         return self.rest_residual_mm[self.noise.points]
 
     def across(self, columns: F64) -> F64:
-        """Products (b, …) of the nuisance columns with others (N, …), both whitened."""
+        """Return products (b, …) of the nuisance columns with others (N, …), both whitened."""
         return self._white.across(self.noise.whiten(columns))
 
     @cached_property
@@ -61,9 +61,11 @@ class Fit:
 
     @property
     def noise_floor_um(self) -> float:
-        """3-D RMS that the noise alone leaves: of each rest its own, before placements absorb some
-        of it, and of what rests share (a base that wanders, certified positions) what a placement
-        does not follow. From session to session a base may wander far, and no residual shows it.
+        """The 3-D RMS in µm that noise alone causes.
+
+        It has two parts: each rest's own noise, before placements absorb some of it; and noise that
+        rests share (a drifting base, certified positions), less the part that placements absorb.
+        From session to session a base may drift far without any residual that shows it.
         """
         free, shared = (
             self.layout.blocks.find_columns([PLACEMENTS]),
@@ -84,10 +86,10 @@ class Fit:
         return 1e3 * float(np.sqrt(self.noise.own_mm**2 + common))
 
     def net_signature(self, index: int) -> F64:
-        """Motion (n, 3) in mm of the tip by a finding, clear of all else in the model.
+        """Return the tip's motion (n, 3) mm by a finding, cleared of the rest of the model.
 
-        What rests share by chance (certified targets, a slow drift) is noise: it weighs, but what
-        it could take up is still the finding's.
+        Errors that rests share by chance (certified targets, a slow drift) are noise. They count in
+        the weights, but the part that they could absorb remains in the finding's motion.
         """
         moves = (
             -self.nuisance.columns.to_dense(self.layout.findings[index]) @ self.amplitudes[index]
@@ -95,7 +97,7 @@ class Fit:
         return self._net(name_block(index), moves)
 
     def net_growth(self) -> F64:
-        """Motion (n, 3) in mm of the tip by the first link's growth, clear of all else."""
+        """Return the tip's motion (n, 3) mm by the first link's growth, cleared of all else."""
         span = self.layout.mount
         return self._net(MOUNT, self.nuisance.columns.to_dense(span) @ self.solution[span])
 

@@ -1,4 +1,4 @@
-"""Which of the columns that absorb belong to whom."""
+"""The layout of the nuisance columns: which of them belong to which block."""
 
 from __future__ import annotations
 
@@ -18,42 +18,42 @@ PLACEMENTS, IDENTIFIED, MOUNT, EXPANSIONS, TARGETS, DRIFT = (
     "targets",
     "drift",
 )
-#: Always there, before the blocks of the findings and after them.
+#: Blocks that every fit has, before those of the findings and after them.
 BEFORE, AFTER = (PLACEMENTS, IDENTIFIED), (MOUNT, EXPANSIONS, TARGETS, DRIFT)
 
 
 @dataclass(frozen=True)
 class FitLayout:
-    """Which of the nuisance columns belong to whom."""
+    """The nuisance columns by block, and the nominal prior of their amplitudes."""
 
     blocks: linear_model.Layout
     nominal_variance: (
-        F64  # (b,) variance with which to choose where the data leave it open; inf: none
+        F64  # (b,) variance of the nominal prior where data leave a direction open; inf: none
     )
 
     @property
     def identified(self) -> slice:
-        """Constants and terms (when held: the directions of their covariance)."""
+        """The columns of constants and terms; when given, the directions of their covariance."""
         return self.blocks[IDENTIFIED]
 
     @property
     def findings(self) -> tuple[slice, ...]:
-        """Of each finding."""
+        """The columns of each finding."""
         return tuple(self.blocks[name_block(i)] for i in range(self._n_findings))
 
     @property
     def mount(self) -> slice:
-        """One column or none: the first link's growth, see `make_mount_term`."""
+        """The column of the first link's growth, one or none; see `make_mount_term`."""
         return self.blocks[MOUNT]
 
     @property
     def shared(self) -> int:
-        """First of those that targets and drift share."""
+        """The first of the columns of noise that rests share: targets and drift."""
         return int(self.blocks[TARGETS].start)
 
     @property
     def drift(self) -> slice:
-        """Of the wandering base."""
+        """The columns of the drifting base."""
         return self.blocks[DRIFT]
 
     @property
@@ -61,7 +61,7 @@ class FitLayout:
         return len(self.blocks.sizes) - len(BEFORE) - len(AFTER)
 
     def with_findings(self, counts: Sequence[int]) -> FitLayout:
-        """With findings of so many columns each in the place of those that it has."""
+        """Return the layout with the findings replaced by blocks of these *counts* of columns."""
         first, stop = self.identified.stop, self.mount.start
         free_variance = np.full(sum(counts), np.inf)
         nominal_variance = np.concatenate(
@@ -76,12 +76,12 @@ class FitLayout:
 
 
 def name_block(index: int) -> str:
-    """The name of a finding's block."""
+    """Return the name of a finding's block."""
     return f"finding {index + 1}"
 
 
 def select_findings(layout: FitLayout, numbers: Sequence[int]) -> tuple[I64, FitLayout]:
-    """Which nuisance columns stay with the findings of these *numbers*, and their layout."""
+    """Return the columns that remain with the findings of these *numbers*, and their layout."""
     finding_names = [name_block(i) for i in numbers]
     columns = layout.blocks.find_columns([*BEFORE, *finding_names, *AFTER])
     sizes = dict(layout.blocks.sizes)

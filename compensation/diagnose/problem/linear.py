@@ -1,4 +1,4 @@
-"""What a fit stands on, as values: the rests, the model, residuals and columns around it.
+"""The values on which a fit is based: rests, model, residuals and columns around it.
 
 Rows are flat: x, y, z of every rest in mm, then one row per certified distance.
 """
@@ -27,15 +27,15 @@ from armd.compensation.model.terms import Term
 
 @dataclass(frozen=True)
 class Rests:
-    """What was measured, one row per rest, and which readings made each."""
+    """The averaged readings, one row per rest, and which readings made each."""
 
     sessions: tuple[Session, ...]
     observations: Observations  # n rests
     artefact_rise_c: F64  # (n,) artefact temperature − its reference, 0 missing
     rest_of: I64  # (readings,) rest of each reading, through all sessions; −1 not used
-    first: I64  # (n,) a reading of each rest
+    first: I64  # (n,) index of the first reading of each rest
     target_label: tuple[str, ...]  # per target: its name within the artefact
-    point_of: I64  # (n,) the rest itself, or of an orientation the rest that it was measured at
+    point_of: I64  # (n,) the rest itself; of an orientation, the point with which it was measured
 
     @property
     def n(self) -> int:
@@ -43,14 +43,16 @@ class Rests:
 
     @cached_property
     def points(self) -> Observations:
-        """The rests that say where the tip is: all, or those before the orientations."""
+        """The rests that give the tip's position: all, or those before the orientations."""
         turned = self.observations.turned
         return self.observations.rows(~turned) if turned.any() else self.observations
 
     @cached_property
     def arm_instead_k(self) -> F64:
-        """(n,) K of the arm's sensors, on the mean, above the artefact's reference in sessions in
-        which nobody read how warm that is; 0 in others."""
+        """The arm's mean temperature (n,) K above the artefact's reference, or 0.
+
+        It is 0 in sessions that have artefact_c.
+        """
         observations = self.observations
         columns = observations.arm.used_columns
         if not columns:
@@ -63,13 +65,15 @@ class Rests:
 
     @cached_property
     def posture(self) -> I64:
-        """(n,) the posture of each rest: copies share what the model does not know."""
+        """The posture (n,) of each rest: copies share what the model does not know."""
         return self.observations.posture
 
     @cached_property
     def in_order(self) -> dict[int, I64]:
-        """Of each placement its rests, in the order of time; of the rows without times. An
-        orientation follows its point."""
+        """The rests of each placement in order of time, or of the rows where there are no times.
+
+        An orientation follows its point.
+        """
         observations = self.observations
         ordered = {}
         for number in np.unique(observations.placement):
@@ -87,7 +91,7 @@ class ModelState:
     terms: tuple[Term, ...]
     reference_c: float
     artefact: ArtefactCorrection
-    #: of each reflector, how far it sits from the tip in the last frame (3,) mm
+    #: offset (3,) mm of each reflector from the tip, in the last frame
     off_tip_mm: Mapping[str, F64] = field(default_factory=dict)
 
 
@@ -106,14 +110,14 @@ class Linear:
     normal: F64 | None = None  # (n, 3) of the surfaces touched, 0 for points; None: no surface
 
     def signature(self, parameter: int, values: F64) -> F64:
-        """Column (N,) of a parameter times basis values (n,)."""
+        """Return the column (N,) of a parameter times basis values (n,)."""
         column: F64 = self.jacobian[parameter].copy()
         column[: 3 * self.rests.n] *= np.repeat(values, 3)
         return column
 
     @cached_property
     def _placed_mm(self) -> F64:
-        """(n, 3) where the tip should stand, in the base frame."""
+        """The position (n, 3) mm where the tip should stand, in the base frame."""
         observations = self.rests.observations
         placed = self.poses.compute_target_points(observations)
         if self.normal is not None:
@@ -122,7 +126,7 @@ class Linear:
         return placed
 
     def artefact_column(self, change: ArtefactChange) -> F64:
-        """Column (N,) of a change of the artefact: the residual is tip minus target."""
+        """Return the column (N,) of a change of the artefact: the residual is tip minus target."""
         observations = self.rests.observations
         column = np.zeros(len(self.residual))
         if change.kind == "distance":
@@ -162,13 +166,13 @@ class Linear:
 
     @cached_property
     def _from_still_mm(self) -> F64:
-        """(n, 3) where targets are, from the point that an artefact grows about: its origin.
+        """The targets' positions (n, 3) mm from the point about which the artefact grows.
 
-        Where nothing of it is certified, its frame lies anywhere (rounding decides), and a target
-        far from the origin would move by what one sensor's noise makes of that: there it is the
-        middle of the seats, and a single seat does not move (docs/developer/diagnosis-how.md).
-        Planes stand at heights over a frame that lies anywhere, too; a sphere grows about its own
-        centre.
+        That point is the artefact's origin. Where nothing of the artefact is certified, its frame
+        lies anywhere (rounding decides). A target far from the origin would then move by one
+        sensor's noise times that distance. The point is then the middle of the seats, and a single
+        seat does not move (docs/developer/diagnosis-how.md). Heights of planes refer to a frame
+        that lies anywhere, too; a sphere grows about its own centre.
         """
         observations = self.rests.observations
         target_mm = self.poses.target_mm.copy()
@@ -183,7 +187,10 @@ class Linear:
         return observations.get_known_mm(target_mm)
 
     def artefact_columns(self, changes: Sequence[ArtefactChange]) -> Blocks:
-        """The columns of several changes; of one placement that was moved, in that placement."""
+        """Return the columns of several changes of the artefact.
+
+        The column of a moved placement is stored in that placement.
+        """
         n = self.rests.n
         of_artefact = [j for j, change in enumerate(changes) if change.kind != "moved"]
         columns = [self.artefact_column(changes[j]) for j in of_artefact]
@@ -214,7 +221,7 @@ class Linear:
         return Blocks(n, len(changes), tuple(pieces), distances)
 
     def _sag(self, change: ArtefactChange, target_mm: F64) -> F64:
-        """Motion (n, 3) of targets (n, 3) by a bend along a principal axis of them all."""
+        """Return the motion (n, 3) of targets (n, 3) by a bend along a principal axis of all."""
         observations = self.rests.observations
         is_measured = np.isin(np.arange(len(self.poses.target_mm)), observations.target)
         points = self.poses.target_mm[is_measured & (observations.kind == POINT)]
@@ -229,8 +236,11 @@ class Linear:
         return np.where(still[:, None], 0.0, along[:, None] ** 2 * across)
 
     def _motions(self, placement: int) -> F64:
-        """(6, k, 3) how the targets of one placement's rests, in the order of time, move with it:
-        along each axis, and about each."""
+        """Return the motions (6, k, 3) of the targets of one placement's rests when it moves.
+
+        The first three are shifts along each axis, the others turns about each. Rests are in the
+        order of time.
+        """
         rests = self.rests.in_order[placement]
         points, turned = self._placed_mm[rests], self.rests.observations.turned[rests]
         along = np.broadcast_to(np.eye(3)[:, None], (3, *points.shape))
@@ -246,10 +256,10 @@ class Linear:
 
 @dataclass(frozen=True)
 class Baseline:
-    """A calibration as the diagnosis sees it.
+    """The model under test: a calibration as the diagnosis uses it.
 
-    Held (given by the user): its constants and terms stay, known as well as its covariance says.
-    Otherwise (made of the same sessions): whatever it identified absorbs freely.
+    If it is given by the user, its constants and terms are fixed, to within its covariance. If it
+    was made from the same sessions, all that it identified absorbs freely.
     """
 
     model: ModelState
@@ -257,12 +267,12 @@ class Baseline:
     is_given: bool
     parameters: tuple[int, ...]  # identified constants, by index
     terms: tuple[int, ...]  # identified terms, by index
-    root: F64  # (identified, r): root of their covariance, parameters first; held only
-    #: of the terms, those of growth that a given calibration could not know
+    root: F64  # (identified, r): root of their covariance, parameters first; used if given
+    #: indices of terms of growth that a given calibration could not know
     growth: tuple[int, ...] = ()
 
     def columns(self, linear: Linear, arm: Arm) -> F64:
-        """Columns (N, identified) of the identified constants and terms."""
+        """Return the columns (N, identified) of the identified constants and terms."""
         chosen = [self.model.terms[i] for i in self.terms]
         states = linear.rests.observations.states
         probes = [term.model_copy(update={"coefficient": 1.0}) for term in chosen]

@@ -20,7 +20,10 @@ from armd.errors import BadInput
 
 
 def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
-    """Fit placements and unknown seats under *model*; everything else becomes columns."""
+    """Fit placements and unknown seats under *model*; everything else becomes columns.
+
+    Raises `BadInput` where readings lack temperatures or times that the model needs.
+    """
     observations = _corrected(rests, model.artefact)
     values = compute_basis_values(
         model.terms, observations.states, arm, model.reference_c, model.constants
@@ -39,7 +42,7 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
     parameters = np.zeros((linearisation.jacobian.shape[2], 3 * n + len(distances.length_mm)))
     parameters[:, : 3 * n] = linearisation.jacobian.reshape(3 * n, -1).T
     length, direction = linearisation.poses.measure_distances(distances.between)
-    flat = observations.kind[distances.between[:, 0]] == PLANE  # its third coordinate is all of it
+    flat = observations.kind[distances.between[:, 0]] == PLANE  # only the third coordinate counts
     direction[flat, :2] = 0.0
     nuisance: list[F64 | Blocks] = [
         _nuisance(linearisation, direction),
@@ -61,17 +64,19 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
 
 
 def _off_tip_mm(observations: Observations, model: ModelState) -> F64 | None:
-    """(n, 3) from the tip to what each reading is of, in the last frame; None: all of the tip."""
+    """Return offsets (n, 3) mm from the tip to each reading's point, in the last frame.
+
+    None: all readings are of the tip.
+    """
     if not observations.reflectors:
         return None
     sits = np.array([*(model.off_tip_mm[name] for name in observations.reflectors), np.zeros(3)])
-    offset_mm: F64 = sits[observations.reflector]  # -1, the last: the tip
+    offset_mm: F64 = sits[observations.reflector]  # index -1, the last row: the tip
     return offset_mm
 
 
 def _reflector_columns(observations: Observations, jacobian: F64) -> F64:
-    """Columns (N, m) of where each reflector sits that nobody gave: as the tip's, in its readings
-    alone."""
+    """Return columns (N, m) of unknown reflector positions: the tip's, in their readings."""
     names = list(observations.reflectors)
     unknown = [i for i, name in enumerate(names) if np.isnan(observations.reflectors[name]).any()]
     columns = [np.zeros((jacobian.shape[1], 0))]
@@ -83,8 +88,11 @@ def _reflector_columns(observations: Observations, jacobian: F64) -> F64:
 
 
 def _lost_lengths(rests: Rests, model: ModelState, jacobian: F64) -> F64:
-    """Columns (N, m) of the lengths of links whose sensor shows nothing: free in each session, at
-    its beginning and at its end, for nobody knows how warm they were."""
+    """Return the columns (N, m) of the lengths of links whose sensor is lost.
+
+    Such a length is free in each session at its beginning and at its end, since the link's
+    temperature is unknown.
+    """
     states, session_of = rests.observations.states, rests.observations.session
     layout, n = ParameterLayout(states.q.shape[1]), rests.n
     columns = []
@@ -105,7 +113,7 @@ def _lost_lengths(rests: Rests, model: ModelState, jacobian: F64) -> F64:
 
 
 def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
-    """The observations under a correction of the artefact, as `identify` applies it."""
+    """Return the observations under a correction of the artefact, as `identify` applies it."""
     observations = rests.observations
     corrected = collect_observations(rests.sessions, observations.arm, correction)
     return replace(
@@ -118,7 +126,7 @@ def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
 
 
 def _normals(linearisation: Linearisation) -> F64 | None:
-    """(n, 3) of the surfaces that readings touch; None where none does."""
+    """Return normals (n, 3) of the surfaces that readings touch; None where none does."""
     touched = linearisation.observations.on_surface.any()
     return (
         linearisation.poses.compute_normals(linearisation.observations, linearisation.position_mm)
@@ -128,20 +136,25 @@ def _normals(linearisation: Linearisation) -> F64 | None:
 
 
 def _moving(pose: F64, freedom: int) -> F64:
-    """Of the columns (m, 3, 6) of a surface's pose, combinations (m, 3, *freedom*) that move it: a
-    plane's shift in itself, or a sphere's turn, is rounding, and would count as known."""
+    """Return the part (m, 3, *freedom*) of a surface's pose columns that moves the surface.
+
+    The pose columns are (m, 3, 6). The other combinations (a plane's shift within itself, a
+    sphere's turn) are rounding, and would count as known.
+    """
     turned = np.linalg.svd(pose.reshape(-1, 6), full_matrices=False)[2]
     moving: F64 = pose @ turned[:freedom].T
     return moving
 
 
 def _nuisance(linearisation: Linearisation, direction: F64) -> Blocks:
-    """Columns (N, m) of every placement's pose and every unknown seat's position; *direction*
-    (D, 3) of the certified distances."""
+    """Return the columns (N, m) of every placement's pose and every unknown seat's position.
+
+    *direction* (D, 3): of the certified distances.
+    """
     observations = linearisation.observations
     first = 6 * len(observations.placement_names)
     seats = np.flatnonzero(observations.unknown)
-    begins = {int(k): first + 3 * j for j, k in enumerate(seats)}  # each seat's columns
+    begins = {int(k): first + 3 * j for j, k in enumerate(seats)}  # first column of each seat
     pieces = []
     for number in np.unique(observations.placement):
         rests = np.flatnonzero(observations.placement == number)

@@ -1,9 +1,9 @@
-"""Products of candidates' columns within each candidate, without the columns.
+"""Products of the columns within each candidate, computed without the columns themselves.
 
-A column is a sum of parts, a parameter's column times a basis function. A product of two columns is
-therefore a sum over the rests of (J_p · J_q) × (b_a b_c): of two parameters, and of two basis
-functions. A catalogue has thousands of columns and few such pairs, and one number for each rest
-stands where a column has three.
+A column is a sum of parts; a part is a parameter's column times a basis function. A product of two
+columns is therefore a sum over the rests of (J_p · J_q) × (b_a b_c), with p, q two parameters and
+a, c two basis functions. A catalogue has thousands of columns but few such pairs, and a pair needs
+one number for each rest where a column has three.
 """
 
 from __future__ import annotations
@@ -23,17 +23,19 @@ Part = tuple[int, float, int]  # parameter, weight, row of the bases
 
 @dataclass(frozen=True)
 class Within:
-    """Which products make those within the candidates that are asked for."""
+    """The products of parts from which products within the requested candidates are made."""
 
     parameters: I64  # (D, 2) pairs of parameters
-    groups: tuple[tuple[I64, I64], ...]  # pairs of bases (g, 2) that meet the same of these (d,)
-    first: I64  # (candidates,) where the elements of each begin
+    groups: tuple[tuple[I64, I64], ...]  # pairs of bases (g, 2) with the same parameter pairs (d,)
+    first: I64  # (candidates,) index of the first element of each
     weights: csr_array  # (elements, quadruples) in the order of the groups, bases first
 
     @classmethod
     def from_candidates(cls, candidates: Sequence[Sequence[Sequence[Part]]]) -> Within:
-        """Of the columns of each candidate, by their parts; elements are the upper triangles, row
-        by row."""
+        """Find the products that the columns of each candidate need, given by their parts.
+
+        The elements of a candidate are its upper triangle, row by row.
+        """
         count = np.array([len(c) * (len(c) + 1) // 2 for c in candidates], dtype=np.int64)
         first = np.cumsum(count) - count
         rows, part_a, part_b = _elements(candidates, first)
@@ -67,7 +69,7 @@ class Within:
         )
 
     def products(self, jacobian: F64, bases: F64) -> F64:
-        """(elements,) over n rests, from a whitened Jacobian (P, n, 3) and basis values (B, n)."""
+        """Return the elements (elements,), by a whitened Jacobian (P, n, 3) and bases (B, n)."""
         parameter_a, parameter_b = self.parameters.T
 
         def sum_piece(begin: int) -> F64:
@@ -90,8 +92,11 @@ class Within:
 
 
 def _elements(candidates: Sequence[Sequence[Sequence[Part]]], first: I64) -> tuple[I64, I64, I64]:
-    """Of all products of two parts: the element, one row of the upper triangle after the other,
-    candidates beginning at *first*; and both parts, numbered through."""
+    """List all products of two parts: the element that each adds to, and both parts.
+
+    Elements are numbered along the rows of the upper triangle, those of a candidate beginning at
+    *first*. Parts are numbered through all candidates.
+    """
     sizes = [tuple(map(len, columns)) for columns in candidates]
     begin = np.cumsum([0, *map(sum, sizes)])
     alike: dict[tuple[int, ...], list[int]] = {}
@@ -112,11 +117,11 @@ def _elements(candidates: Sequence[Sequence[Sequence[Part]]], first: I64) -> tup
 
 
 def _pair(a: F64, b: F64) -> I64:
-    """A number for two, in either order."""
+    """Return one number for a pair of numbers, the same in either order."""
     pair: I64 = np.minimum(a, b).astype(np.int64) * MANY_INDICES + np.maximum(a, b).astype(np.int64)
     return pair
 
 
 def _split_pairs(pairs: I64) -> I64:
-    """(…, 2) the two of each."""
+    """Return the two numbers (…, 2) of each pair."""
     return np.stack(np.divmod(pairs, MANY_INDICES), axis=-1)

@@ -1,4 +1,4 @@
-"""What was measured, one row per rest; of a 6-D reading a second one, for its orientation.
+"""The averaged readings, one row per rest; a 6-D reading has a second row for its orientation.
 
 Readings taken one after another at one rest are not independent; they enter as their mean.
 """
@@ -22,14 +22,15 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.errors import BadInput
 
-#: The label of what orientations are measured of, among those of the targets.
+#: The label that orientations have in place of a target's.
 ORIENTATION = "orientation"
 
 
 def collect_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
-    """Join sessions and average the readings of each rest; orientations stand behind all points.
+    """Join sessions and average the readings of each rest; orientations follow all points.
 
-    A surface has no orientation of its own to compare with: beside surfaces they take no part.
+    A surface has no orientation of its own to compare with. Where there are surfaces, orientations
+    are not used.
     """
     raw = collect_observations(sessions, arm)
     rise = np.concatenate([session.artefact_rise_k for session in sessions])
@@ -86,7 +87,7 @@ def collect_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
 
 
 def _mean_turns(mean: F64) -> F64:
-    """The rotations (n, 3, 3) nearest to means of some; NaN where there are none."""
+    """Return the rotations (n, 3, 3) nearest to mean matrices; NaN where there is none."""
     finite = np.isfinite(mean[:, 0, 0])
     turns = mean.copy()
     if finite.any():
@@ -96,7 +97,7 @@ def _mean_turns(mean: F64) -> F64:
 
 
 def count_spare_rows(observations: Observations) -> int:
-    """Numbers measured beyond those that placements and unknown seats take up."""
+    """Count the numbers measured beyond those that placements and unknown seats absorb."""
     seats = np.unique(observations.target[~observations.has_truth])
     seats = seats[observations.unknown[seats]]
     touched = np.isin(observations.distances.between, seats).all(axis=1)
@@ -108,7 +109,7 @@ def count_spare_rows(observations: Observations) -> int:
 
 
 def require_spare(observations: Observations, files: str) -> None:
-    """Raises `BadInput` where placements and unknown seats explain any reading whatever."""
+    """Raise `BadInput` where placements and unknown seats would explain any readings."""
     if count_spare_rows(observations) <= 0:
         placements = len(np.unique(observations.placement))
         raise BadInput(
@@ -121,13 +122,13 @@ def require_spare(observations: Observations, files: str) -> None:
 
 
 def _complete(raw: Observations, arm: Arm) -> Mask:
-    """Readings that have the temperatures of all joints; all of them, if none has."""
+    """Select readings that have the temperatures of all joints; all readings, if none has."""
     complete = np.asarray(np.isfinite(raw.states.temperature_c[:, arm.used_columns]).all(axis=1))
     return complete if complete.any() else np.ones(raw.n, dtype=bool)
 
 
 def _rests(raw: Observations) -> I64:
-    """Number of the rest of every reading."""
+    """Return the number of each reading's rest."""
     if raw.n == 0:
         return np.zeros(0, dtype=np.int64)
     q, side = raw.states.q, np.sign(np.nan_to_num(raw.states.rate))
@@ -145,8 +146,11 @@ def _rests(raw: Observations) -> I64:
 
 
 def assign_folds(rests: Rests) -> I64:
-    """(n,) fold of each rest: whole placements, dealt in turn; of a single one blocks of time, each
-    posture in that in which it came first."""
+    """Return the fold (n,) of each rest: whole placements, dealt in turn.
+
+    A single placement is divided into blocks of time; a posture belongs to the block of its first
+    reading.
+    """
     observations = rests.observations
     folds = assign_group_folds(observations.placement, MOST_FOLDS)
     return folds if folds.any() else assign_posture_folds(rests.points, BLOCKS)[rests.point_of]

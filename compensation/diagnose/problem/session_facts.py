@@ -1,4 +1,4 @@
-"""What the catalogue may assume of these sessions: which data there are, and when."""
+"""Facts of the sessions that the catalogue may assume: which data there are, and when."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from armd.compensation.model.arm import Arm
 
 
 def collect_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
-    """The facts of these rests under the model to test."""
+    """Collect the facts of these rests under the model under test."""
     observations = rests.observations
     states = observations.states
     temperatures = states.temperature_c
-    # Constants that are held are those at the reference: one other temperature is a change.
+    # Given constants hold at the reference temperature: one other temperature is a change.
     usual = baseline.model.reference_c if baseline.is_given else None
     varied = np.isfinite(temperatures).all(axis=0) & (_span(temperatures, usual) > LEAST_SPAN_K)
     artefact_k, instead_k = (
@@ -44,7 +44,7 @@ def collect_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
     return SessionFacts(
         arm=arm,
         constants=baseline.model.constants,
-        terms=tuple(t for t in baseline.model.terms if t.coefficient),  # what acts at all
+        terms=tuple(t for t in baseline.model.terms if t.coefficient),  # those that act
         reference_c=baseline.model.reference_c,
         has_fixed_constants=baseline.is_given,
         sensors=tuple(
@@ -74,7 +74,7 @@ def collect_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
 
 
 def _calibrated_c(baseline: Baseline) -> dict[str, tuple[float, ...]]:
-    """By sensor, temperatures that a calibration was made at: its sessions, evenly spread."""
+    """Return a calibration's temperatures by sensor, its sessions evenly over its range."""
     sessions = baseline.calibration.provenance.get("sessions")
     count = max(len(sessions) if isinstance(sessions, list) else 0, 2)
     return {
@@ -84,14 +84,16 @@ def _calibrated_c(baseline: Baseline) -> dict[str, tuple[float, ...]]:
 
 
 def _scatter_rad(baseline: Baseline) -> float:
-    """Of a reading as the model under test was identified: of a calibration that is given, before
-    there was what is looked for."""
+    """Return a reading's scatter as an angle, from the noise of the calibration under test.
+
+    If that calibration is given, the scatter is of the time before the change to be diagnosed.
+    """
     noise = baseline.calibration.noise
     return float(np.hypot(max(noise.encoder_rad, default=0.0), noise.reading_mm / LEVER_MM))
 
 
 def _span(temperature: F64, usual: float | None) -> F64:
-    """Highest less lowest of temperatures (n, …), with the *usual* one."""
+    """Return highest less lowest of temperatures (n, …), the *usual* one included."""
     if usual is not None:
         temperature = np.concatenate([temperature, np.full_like(temperature[:1], usual)])
     span: F64 = np.ptp(temperature, axis=0)
@@ -99,10 +101,10 @@ def _span(temperature: F64, usual: float | None) -> F64:
 
 
 def _checked_distances(rests: Rests, baseline: Baseline) -> tuple[str, ...]:
-    """Certified distances, where something else knows a length that can contradict them.
+    """List the certified distances that another known length can contradict.
 
-    With constants free and one distance all that is known of size, an arm shrunk to nothing
-    would leave no residual at all: the data cannot tell whether that distance is right.
+    With constants free and only one distance known, an arm shrunk to nothing would leave no
+    residual at all: the data cannot decide whether that distance is right.
     """
     observations = rests.observations
     between = observations.distances.between
@@ -114,7 +116,7 @@ def _checked_distances(rests: Rests, baseline: Baseline) -> tuple[str, ...]:
 
 
 def _spells(time_s: F64) -> tuple[tuple[float, float], ...]:
-    """First and last reading between the longest pauses."""
+    """Return first and last reading of each spell between the longest pauses."""
     times = np.unique(time_s)
     gaps_s = np.diff(times)
     pauses = np.flatnonzero(gaps_s > PAUSE * np.median(gaps_s)) if len(gaps_s) else np.empty(0, int)
@@ -124,7 +126,7 @@ def _spells(time_s: F64) -> tuple[tuple[float, float], ...]:
 
 
 def _sessions(rests: Rests) -> tuple[tuple[str, float, float], ...]:
-    """Name, first and last reading of each session in the order of time; none where two overlap."""
+    """Return name, first and last reading of each session in order of time; none if two overlap."""
     observations = rests.observations
     sessions = []
     for number, name in enumerate(observations.session_names):
@@ -139,14 +141,14 @@ def _sessions(rests: Rests) -> tuple[tuple[str, float, float], ...]:
 
 
 def _moments(time_s: F64) -> F64:
-    """Halfway between one rest and the next."""
+    """Return the times halfway between successive rests."""
     times = np.unique(time_s)
     halfway: F64 = (times[1:] + times[:-1]) / 2
     return halfway
 
 
 def _grid(moments: F64) -> tuple[float, ...]:
-    """Evenly spread over the readings, not over the hours."""
+    """Pick moments spread evenly over the readings, not over the hours."""
     if len(moments) <= MOST_INSTANTS:
         return tuple(map(float, moments))
     picked = np.linspace(0, len(moments) - 1, MOST_INSTANTS + 2).round().astype(int)[1:-1]

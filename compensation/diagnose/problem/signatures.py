@@ -1,4 +1,4 @@
-"""Candidates as columns: what each would add to the residual, and its products with others."""
+"""Candidates as columns: what each would add to the residual, and products with others."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from armd.compensation.model.terms import Factor, Term
 
 @dataclass(frozen=True, kw_only=True)
 class Signatures:
-    """K columns of many candidates: which parameters, weights and basis functions make them."""
+    """The K columns of many candidates: their parameters, weights and basis functions."""
 
     candidates: tuple[Candidate, ...]
     first: I64  # (candidates,) first column of each
     count: I64
     parts: tuple[tuple[Part, ...], ...]  # per column
     changes: tuple[ArtefactChange | None, ...]  # per column
-    keys: tuple[str, ...]  # (B,) what says a basis function
+    keys: tuple[str, ...]  # (B,) text that identifies a basis function
     bases: F64  # (B, n) basis values
     prior_sd: F64  # (K,)
     reach: F64  # (K,)
@@ -41,15 +41,15 @@ class Signatures:
 
     @cached_property
     def kinds(self) -> tuple[tuple[str, ...], ...]:
-        """`identify_kind` of each candidate."""
+        """The `identify_kind` of each candidate."""
         return tuple(map(identify_kind, self.candidates))
 
     def columns_of(self, candidate: int) -> range:
-        """Column numbers of a candidate."""
+        """Return the column numbers of a candidate."""
         return range(self.first[candidate], self.first[candidate] + self.count[candidate])
 
     def rows(self, linear: Linear, columns: I64) -> F64:
-        """Columns as rows (len(columns), N), in mm."""
+        """Return columns as rows (len(columns), N), in mm."""
         stacked = self.rows_of_terms(linear, linear.jacobian, columns)
         for row, column in zip(stacked, columns, strict=True):
             if (change := self.changes[column]) is not None:
@@ -57,8 +57,10 @@ class Signatures:
         return stacked
 
     def rows_of_terms(self, linear: Linear, jacobian: F64, columns: I64) -> F64:
-        """The same without what changes the artefact, from any Jacobian (P, N), such as a whitened
-        one."""
+        """Return columns as rows without changes of the artefact, from any Jacobian (P, N).
+
+        The Jacobian may be whitened.
+        """
         n = 3 * linear.rests.n
         rows = np.zeros((len(columns), len(linear.residual)))
         at_rests = rows[:, :n].reshape(len(columns), -1, 3)
@@ -76,16 +78,18 @@ class Signatures:
         return rows
 
     def products(self, jacobian: F64, vectors: F64, rests: slice | I64) -> F64:
-        """(K, u) products with *vectors* (n, 3, u) over some *rests*, changes of the artefact not
-        included; from a Jacobian (P, n, 3) of these rests."""
+        """Return products (K, u) of the columns with *vectors* (n, 3, u) over some *rests*.
+
+        Changes of the artefact are not included. *jacobian* (P, n, 3) is of these rests.
+        """
         product: F64 = self.weights @ self.of_pairs(jacobian, vectors, rests)
         return product
 
     def of_pairs(self, jacobian: F64, vectors: F64, rests: slice | I64) -> F64:
-        """(pairs, u) of the same, of each parameter with each basis function that it has.
+        """Return products (pairs, u) with *vectors* of each parameter with each of its bases.
 
-        A column is a parameter's times a basis function: the other columns are multiplied by the
-        parameter once for all its bases, and three rows become one.
+        A column is a parameter's column times a basis function. The vectors are multiplied by the
+        parameter's column once for all its bases, and three rows become one.
         """
         named, first, basis, _ = self._pairs
         values = self.bases[:, rests]
@@ -98,8 +102,11 @@ class Signatures:
         return sums
 
     def grams(self, jacobian: F64, rests: slice | I64) -> dict[int, F64]:
-        """Products (c, m, m) within each candidate over some *rests*, by how many columns m it has;
-        zero where one changes the artefact. From a whitened Jacobian (P, n, 3) of these rests."""
+        """Return products (c, m, m) within each candidate, by its number m of columns.
+
+        They are sums over some *rests*, and zero where a candidate changes the artefact. *jacobian*
+        (P, n, 3) is whitened and of these rests.
+        """
         elements = self._within.products(jacobian, self.bases[:, rests])
         grams = {}
         for m in map(int, np.unique(self.count)):
@@ -111,8 +118,11 @@ class Signatures:
         return grams
 
     def with_more(self, added: Signatures) -> Signatures:
-        """These candidates, then those *added*; of its basis functions those that these have are
-        theirs: of many readings a copy of all is hundreds of megabytes."""
+        """Append the candidates of *added* to these.
+
+        Basis functions that both have are shared. With many readings a copy of all takes hundreds
+        of megabytes.
+        """
         keys, values = list(self.keys), [self.bases]
         for key, row in zip(added.keys, added.bases, strict=True):
             if key not in keys:
@@ -144,19 +154,21 @@ class Signatures:
 
     @property
     def n_pairs(self) -> int:
-        """How many rows `of_pairs` has."""
+        """The number of rows of `of_pairs`."""
         return len(self._pairs[2])
 
     @property
     def weights(self) -> csr_array:
-        """(K, pairs) with which pairs make the columns."""
+        """The weights (K, pairs) with which pairs make the columns."""
         return self._pairs[3]
 
     @cached_property
     def _pairs(self) -> tuple[I64, I64, I64, csr_array]:
-        """Distinct pairs of parameter and basis, ordered by parameter: the parameters, where the
-        pairs of each begin (one more for the end), the bases of all, and the weights (K, pairs)
-        with which they make the columns."""
+        """The distinct pairs of parameter and basis, ordered by parameter.
+
+        Returns the parameters, where the pairs of each begin (one more for the end), the bases of
+        all pairs, and the weights (K, pairs) with which pairs make the columns.
+        """
         entries = [
             (parameter, basis, column, weight)
             for column, parts in enumerate(self.parts)
@@ -177,13 +189,13 @@ class Signatures:
 
 
 def identify_kind(candidate: Candidate) -> tuple[str, ...]:
-    """What candidates share that differ in the value of a setting only."""
+    """Return what candidates share that differ only in the value of a setting."""
     columns = (column.name for column in candidate.columns)
     return (*candidate.place, *columns, *(name for name, *_ in candidate.setting))
 
 
 def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm) -> Signatures:
-    """Evaluate each distinct basis once, and say every column by its parts."""
+    """Evaluate each distinct basis once, and express every column by its parts."""
     layout = arm.layout
     basis_of: dict[str, int] = {}
     bases: list[list[Factor] | Use | Winding] = []
@@ -235,7 +247,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
         rests = linear.rests
         of_points = evaluate_histories([*histories.values()], rests.points.states)
         values[list(histories)] = of_points[:, rests.point_of]
-    np.nan_to_num(values, copy=False)  # of many readings a copy is hundreds of megabytes
+    np.nan_to_num(values, copy=False)  # with many readings a copy takes hundreds of megabytes
     return Signatures(
         candidates=tuple(candidates),
         first=np.array(first, dtype=np.int64),
@@ -250,7 +262,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
 
 
 def make_finding_columns(linear: Linear, findings: Sequence[Candidate], arm: Arm) -> list[F64]:
-    """Columns (N, m) of each finding, in mm."""
+    """Return the columns (N, m) of each finding, in mm."""
     signatures = compile_candidates(findings, linear, arm)
     return [
         signatures.rows(linear, np.array(signatures.columns_of(i))).T for i in range(len(findings))

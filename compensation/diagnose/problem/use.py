@@ -1,5 +1,7 @@
-"""What went before each reading: how warm a joint is of its use, from rates or ways, and how far it
-is wound up."""
+"""The history before each reading: warming by a joint's use, and winding.
+
+Use is measured by rates, or by the ways between readings.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,11 @@ from armd.compensation.model.state import States
 
 
 def evaluate_histories(histories: Sequence[Use | Winding], states: States) -> F64:
-    """(H, n) of each history at each reading. All walk through a session side by side: there are
-    hundreds of them, and a step costs as much as many numbers."""
+    """Evaluate each history at each reading (H, n).
+
+    All histories go through a session side by side: there are hundreds of them, and one step in
+    Python costs as much as many numbers.
+    """
     windings = {i: history for i, history in enumerate(histories) if isinstance(history, Winding)}
     uses = {i: history for i, history in enumerate(histories) if isinstance(history, Use)}
     values = np.zeros((len(histories), states.n))
@@ -28,8 +33,10 @@ def evaluate_histories(histories: Sequence[Use | Winding], states: States) -> F6
 
 
 def _wound(windings: Sequence[Winding], states: States, rows: I64) -> F64:
-    """How far each joint is wound up at each of a session's *rows*, of what it can be, −1 to 1
-    (rows, windings); 0 where the session begins."""
+    """Return each joint's winding (rows, windings) at a session's *rows*, −1 to 1.
+
+    It is a share of the largest possible winding, and 0 where the session begins.
+    """
     q = states.q[rows][:, [winding.joint - 1 for winding in windings]]
     turns = np.diff(q, axis=0) / [winding.within_rad for winding in windings]
     wound = np.zeros(q.shape)
@@ -40,10 +47,10 @@ def _wound(windings: Sequence[Winding], states: States, rows: I64) -> F64:
 
 
 def _warmth(uses: Sequence[Use], states: States, rows: I64) -> F64:
-    """The steady rate that would keep each joint so warm at each of a session's *rows*, rad/s
-    (rows, uses); 0 where the session begins.
+    """Return the steady rate (rows, uses), rad/s, that would keep each joint as warm as it is.
 
-    Between two readings the work is even, so that each interval is solved exactly.
+    It is evaluated at each of a session's *rows*, and is 0 where the session begins. Between two
+    readings the work is taken as even, so that each interval is solved exactly.
     """
     joints = [use.joint - 1 for use in uses]
     q, rate = states.q[rows][:, joints], np.nan_to_num(states.rate[rows][:, joints])
@@ -58,7 +65,7 @@ def _warmth(uses: Sequence[Use], states: States, rows: I64) -> F64:
 
 
 def _runs(states: States) -> Iterator[I64]:
-    """Rows of each session, as they follow each other."""
+    """Iterate over the sessions, yielding the rows of each in order of time."""
     for run in np.unique(states.series):
         rows = np.flatnonzero(states.series == run)
         yield rows[np.argsort(states.time_s[rows], kind="stable")]

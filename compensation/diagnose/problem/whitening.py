@@ -1,4 +1,4 @@
-"""The noise of the rests as a value: it whitens rows; and columns whose amplitudes it shares."""
+"""The noise of the rests as a value, which whitens rows; nuisance columns with priors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from armd.compensation.estimate.surfaces import project_on_normals
 
 @dataclass(frozen=True)
 class Nuisance:
-    """Columns (N, b) that explain for themselves, each amplitude normal with a variance.
+    """Nuisance columns (N, b), each amplitude normal with a variance.
 
     Infinite: it absorbs freely. NaN: the slow drift's, which the noise estimate fills in.
     """
@@ -25,7 +25,7 @@ class Nuisance:
     variance: F64
 
     def ridged(self, noise: RestNoise) -> Nuisance:
-        """With the drift's variance filled in."""
+        """Return the nuisance with the drift's variance filled in."""
         variance = np.where(np.isnan(self.variance), noise.drift_mm**2, self.variance)
         return Nuisance(self.columns, np.maximum(variance, LEAST_VARIANCE_MM2))
 
@@ -36,14 +36,14 @@ class RestNoise:
 
     scale_mm: float  # s
     encoder_share: float  # ρ
-    drift_mm: float  # standard deviation of what the slow drift changes from knot to knot
+    drift_mm: float  # standard deviation of the slow drift's change from knot to knot
     encoder_rad: float
     repeat_mm: float
     whitener: F64  # (n, 3, 3): applied to a rest's residual gives unit variance
     distance_mm: F64  # (D,) standard uncertainties of the certified lengths
     _: KW_ONLY
-    #: (n,) how much each rest counts: copies of a posture share their error to this part; the
-    #: whitener has the root of it
+    #: (n,) weight of each rest, less than 1 for copies of a posture, which share their error to
+    #: `shared_part`; the whitener contains the root of this weight
     counts: F64 = field(default_factory=lambda: np.ones(1))
     shared_part: float = 1.0
     settled: bool = True  # whether the search for the likeliest scale ended
@@ -52,8 +52,10 @@ class RestNoise:
     turn_ratio: float = 1.0  # standard deviation of an orientation, at its lever, over the scale
 
     def sources(self, joints: F64) -> F64:
-        """How rests in units of their noise move (n, 3, N + 3) with what makes it: the encoders,
-        by *joints* (n, 3, N) mm/rad, and the repeat of a point."""
+        """Return how noise sources of unit variance move each rest (n, 3, N + 3), whitened.
+
+        Sources are the encoders, by *joints* (n, 3, N) mm/rad, and the repeat of a point.
+        """
         own_mm = np.full(len(joints), self.repeat_mm)
         if self.turned is not None:
             own_mm[self.turned] = self.turn_ratio * self.scale_mm
@@ -66,52 +68,52 @@ class RestNoise:
 
     @property
     def own_mm(self) -> float:
-        """3-D RMS of what is each point's own, in mm."""
+        """The 3-D RMS of each point's own noise, in mm."""
         squares = np.square(self.roots).sum(axis=(1, 2))
         return float(np.sqrt(squares[self.points].mean()))
 
     @property
     def points(self) -> Mask | slice:
-        """Which rests are points."""
+        """The selection of those rests that are points."""
         return slice(None) if self.turned is None else ~self.turned
 
     @property
     def roots(self) -> F64:
-        """(n, 3, 3) with which unit variances make what is each rest's own, in mm."""
+        """The matrices (n, 3, 3) that turn unit variances into each rest's own noise, in mm."""
         roots: F64 = np.asarray(np.linalg.inv(self.whitener), dtype=np.float64)
         roots = roots * np.sqrt(self.counts)[:, None, None]
         return roots if self.normal is None else project_on_normals(self.normal, roots)
 
     @property
     def freedom(self) -> I64:
-        """(n,) how many equations each rest gives."""
+        """The number (n,) of equations that each rest gives."""
         if self.normal is None:
             return np.full(len(self.whitener), AXES)
         return np.where(self.normal.any(axis=1), 1, AXES)
 
     def squares(self, moves: F64) -> F64:
-        """(n,) of rests (n, 3) in units of their own noise, as of three components each."""
+        """Return squared norms (n,) of *moves* (n, 3), whitened, as of three components each."""
         total = (self.whiten_rests(moves) ** 2).sum(axis=1)
         return total if self.normal is None else to_three_components(total, self.freedom)
 
     @property
     def stretch(self) -> F64 | float:
-        """By what distances of rests (n,) are multiplied to be clipped at one edge."""
+        """The factors (n,) on distances of rests by which one limit clips all of them."""
         return 1.0 if self.normal is None else compute_edge_stretch(self.freedom)
 
     def whiten_rests(self, moves: F64) -> F64:
-        """Of each rest (n, 3) in units of its own noise."""
+        """Return *moves* (n, 3) of each rest in units of its own noise."""
         white: F64 = np.einsum("nij,nj->ni", self.whitener, moves)
         return white / np.sqrt(self.counts)[:, None]
 
     def with_shared_part(self, part: float, posture: I64) -> RestNoise:
-        """Return the same with copies of each *posture* (n,) sharing their error to a *part*."""
+        """Return the noise with copies of each *posture* (n,) sharing their error to a *part*."""
         counts = compute_counts(posture, part)
         whitener = self.whitener * np.sqrt(counts / self.counts)[:, None, None]
         return replace(self, whitener=whitener, counts=counts, shared_part=part)
 
     def whiten(self, columns: F64) -> F64:
-        """Rows (N,) or (N, m) in units of their own noise."""
+        """Return rows (N,) or (N, m) in units of their own noise."""
         n = len(self.whitener)
         flat = columns.reshape(len(columns), -1)
         white = np.empty_like(flat)
@@ -121,7 +123,7 @@ class RestNoise:
 
 
 def compute_turn_ratio(residual: F64, turned: Mask) -> float:
-    """How much farther off orientations are than points, by the middle ones of a residual (N,)."""
+    """Return the ratio of orientations' to points' median size in a *residual* (N,)."""
     if not turned.any():
         return 1.0
     off = np.linalg.norm(residual[: 3 * len(turned)].reshape(-1, 3), axis=1)

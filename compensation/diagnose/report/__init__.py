@@ -1,1 +1,1 @@
-"""The report of a diagnosis: to a person, to a program, and what to do next."""
+"""The report of a diagnosis: for a person, for a program, and the next experiment."""

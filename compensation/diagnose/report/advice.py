@@ -1,4 +1,4 @@
-"""The next experiment, in one sentence for a person at the artefact."""
+"""The next experiment, in one sentence for the person at the artefact."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ class Doubt:
     index: int  # among the diagnosis' findings
     finding: Finding
     rivals: tuple[Candidate, ...]  # the most probable one first
-    share: tuple[float, ...]  # probability of each
+    share: tuple[float, ...]  # probability of each rival
 
     @property
     def words(self) -> str:
-        """What an experiment is to do about it."""
+        """The purpose of an experiment about it, in words."""
         return f"tell {_named(self.finding.candidate)} from {_named(self.rivals[0])}"
 
 
 def find_most_doubtful(diagnosis: Diagnosis) -> Doubt | None:
-    """The finding an experiment should settle first; None when none is in doubt."""
+    """Return the finding that an experiment should settle first; None if none is in doubt."""
     doubts = []
     for i, finding in enumerate(diagnosis.findings):
         rivals = [r for r in finding.rivals if not is_alike(r.candidate, finding.candidate)]
@@ -36,21 +36,25 @@ def find_most_doubtful(diagnosis: Diagnosis) -> Doubt | None:
 
 
 def _doubt(index: int, finding: Finding, first: Rival) -> Doubt:
-    """The finding against its likeliest rival and all other variants of what it may be."""
+    """Compare a finding with its likeliest rival and all other variants of what it may be."""
     variants = [(c, share) for c, share in finding.variants if c is not first.candidate]
     rivals = (first.candidate, *(candidate for candidate, _ in variants))
     return Doubt(index, finding, rivals, (first.probability, *(share for _, share in variants)))
 
 
 def is_alike(first: Candidate, second: Candidate) -> bool:
-    """One cause at one place, or two structures without a name in the same variables: an
-    experiment need not part them."""
+    """Whether an experiment need not separate two candidates.
+
+    They are one cause at one place, or two structures without a name in the same variables.
+    """
     unnamed = first.cause == second.cause == "unknown" and first.depends_on == second.depends_on
     return unnamed or first.place == second.place
 
 
 def propose_experiment(diagnosis: Diagnosis) -> str:
-    """What to measure next: to settle the most doubtful finding, or to confirm the mended model."""
+    """Propose what to measure next: to settle the most doubtful finding, or to confirm the extended
+    model.
+    """
     unrecorded = _unrecorded(diagnosis)
     if unrecorded and diagnosis.significant_rest:
         return unrecorded
@@ -79,7 +83,7 @@ def propose_experiment(diagnosis: Diagnosis) -> str:
 
 
 def _unrecorded(diagnosis: Diagnosis) -> str:
-    """What to record beside the angles, where what is left may be what only that tells."""
+    """Propose what to record with the angles, where only that can show a cause of what is left."""
     facts, untold = diagnosis.search.facts, diagnosis.search.untold
     missing = [
         quantity

@@ -1,4 +1,4 @@
-"""A diagnosis as `armd diagnose --json` writes it (docs: the contract's section 4)."""
+"""The result of a diagnosis as `armd diagnose --json` writes it (docs: contract, section 4)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from armd.compensation.effects.location import ROWS
 
 
 def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
-    """The whole result as plain data."""
+    """Return the whole result as plain data."""
     findings = [
         _finding(diagnosis, i, finding, gain)
         for i, (finding, gain) in enumerate(zip(diagnosis.findings, diagnosis.gains, strict=True))
@@ -85,12 +85,12 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
 
 
 def _few(target_steps: list[TargetStep]) -> list[TargetStep]:
-    """None where there are too many to read."""
+    """Return the steps of targets, or none where there are too many to read."""
     return target_steps if len(target_steps) <= MOST_PARTS else []
 
 
 def describe_needs(cause: str) -> str:
-    """What sessions must hold for a cause to show at all."""
+    """Describe what sessions must contain for a cause to show at all."""
     return (
         CATALOGUE[cause].needs or "poses or conditions that set it apart from placements and seats"
     )
@@ -137,7 +137,7 @@ def _finding(diagnosis: Diagnosis, index: int, finding: Finding, gain: Gain) -> 
 
 
 def _explains(explained: Explained | None) -> dict[str, Any] | None:
-    """How much a cause accounts for, and whether its amplitude is the same everywhere."""
+    """Return how much a cause accounts for, and whether its amplitude is equal everywhere."""
     if explained is None:
         return None
     return {
@@ -159,12 +159,12 @@ def _explains(explained: Explained | None) -> dict[str, Any] | None:
 
 
 def describe_place(candidate: Candidate) -> str:
-    """The location as the contract has it: nothing is claimed of what is unknown."""
+    """Return the location as the contract defines it: for an unknown cause none is claimed."""
     return "-" if candidate.cause == "unknown" else str(candidate.location)
 
 
 def describe_finding(diagnosis: Diagnosis, index: int) -> str:
-    """What the amplitudes mean, in words."""
+    """Describe in words what the amplitudes mean."""
     candidate = diagnosis.search.last.findings[index]
     of_curve = CATALOGUE[candidate.cause].describe_curve
     if of_curve is not None and is_curve(candidate):

@@ -1,4 +1,4 @@
-"""How probable the findings are as a whole, and what other sets of causes explain the readings."""
+"""The probability of the findings as a whole, and other sets of causes for the readings."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def list_sets(findings: Sequence[Finding], rivals: Sequence[RivalCauses]) -> lis
         in_both = (cause for i, cause in enumerate(causes) if i not in rival.finding_numbers)
         rival_sets.append(CauseSet((*in_both, *rival.instead), probability * rival.odds))
     for i, (finding, of_name) in enumerate(zip(findings, of_names, strict=True)):
-        # What has no name because several would do has these names among its own chance.
+        # A finding unnamed because several causes fit already has their probability in its own.
         renamed = () if finding.is_of_several_names else finding.rivals
         in_sets = {
             cause.place for rival in rivals if i in rival.finding_numbers for cause in rival.instead
@@ -61,7 +61,7 @@ def list_sets(findings: Sequence[Finding], rivals: Sequence[RivalCauses]) -> lis
 
 
 def _sum_odds(rivals: Sequence[RivalCauses], finding_number: int) -> float:
-    """Of the sets that lack a finding."""
+    """Return the sum of the odds of the sets that lack a finding."""
     return sum(rival.odds for rival in rivals if finding_number in rival.finding_numbers)
 
 

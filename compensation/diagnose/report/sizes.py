@@ -1,4 +1,4 @@
-"""How large a finding is, and how well that is known."""
+"""The size of a finding and its uncertainty."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from armd.compensation.model.arm import Arm
 
 
 def is_size_known(diagnosis: Diagnosis, index: int) -> bool:
-    """Whether a finding's amplitudes are larger than what is uncertain of them.
+    """Whether a finding's amplitudes are larger than their uncertainty.
 
-    Something is significant; where several amplitudes do the same, none of them need be known.
+    A finding is significant as a whole. Where several of its amplitudes have the same effect, none
+    of them needs to be known.
     """
     last = diagnosis.search.last
     prior_sd = np.array([column.prior_sd for column in last.findings[index].columns])
@@ -27,7 +28,7 @@ def is_size_known(diagnosis: Diagnosis, index: int) -> bool:
 
 
 def list_parameters(diagnosis: Diagnosis, index: int) -> list[dict[str, str | float]]:
-    """Amplitudes with standard uncertainties, then what was scanned (order, instant, …)."""
+    """List amplitudes with standard uncertainties, then scanned values (order, instant, …)."""
     last = diagnosis.search.last
     candidate = last.findings[index]
     rows: list[dict[str, str | float]] = []
@@ -48,16 +49,16 @@ def list_parameters(diagnosis: Diagnosis, index: int) -> list[dict[str, str | fl
 
 
 def measure_curve(diagnosis: Diagnosis, index: int) -> tuple[float, float, int]:
-    """Root mean square in rad of a curve about its mean, its standard uncertainty, and the
-    curve's strongest order.
+    """Return a curve's RMS in rad about its mean, its standard uncertainty, and its strongest
+    order.
 
-    All over the angles at which the joint stood: elsewhere nothing is known, and over less than
-    a turn the amplitudes of single orders mean little.
+    All are taken over the angles at which the joint stood: elsewhere nothing is known, and over
+    less than a turn the amplitudes of single orders mean little.
     """
     last = diagnosis.search.last
     candidate = last.findings[index]
     joint = candidate.location.joint
-    assert joint is not None  # a curve is over the turn of one
+    assert joint is not None  # a curve is a function of one joint's angle
     q = last.linear.rests.observations.states.q[:, joint - 1]
     angles = np.unique(np.round(np.degrees(q))) * np.pi / 180.0
     orders = list_orders(candidate)
@@ -80,18 +81,20 @@ def make_row(name: str, value: float, unit: str, sigma: float) -> dict[str, str 
 
 
 def compute_tip_rms_um(diagnosis: Diagnosis, index: int) -> float:
-    """How far the effect moves the tip in these readings, 3-D RMS in µm: what placements,
-    constants and the other findings cannot take up."""
+    """Return how far an effect moves the tip in these readings, 3-D RMS in µm.
+
+    What placements, constants and the other findings absorb is not counted.
+    """
     last = diagnosis.search.last
     moves = last.net_signature(index)[last.noise.points]
     return 1e3 * float(np.sqrt((moves**2).sum() / max(len(moves), 1)))
 
 
 def compute_scanned_uncertainty(last: Fit, index: int, arm: Arm) -> float:
-    """Standard uncertainty of a value that was scanned, not fitted: amplitudes and all else fitted
-    along.
+    """Return the standard uncertainty of a value that was scanned, not fitted.
 
-    0 where it has none to be stated; `UNTOLD` times the value where the readings do not tell it.
+    Amplitudes and all else are fitted along with it. It is 0 where no uncertainty can be stated,
+    and `UNTOLD` times the value where the readings do not determine it.
     """
     candidate = last.findings[index]
     if candidate.elsewhere is None or not candidate.setting:

@@ -1,4 +1,4 @@
-"""What came of a diagnosis, in a sentence or two for a person."""
+"""The verdict of a diagnosis, in a sentence or two for a person."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from armd.terminal.counted import format_count
 
 
 def write_verdict(diagnosis: Diagnosis) -> str:
-    """What came of it, in a sentence or two."""
+    """Write the verdict of a diagnosis, in a sentence or two."""
     sentences = []
     refused, moved = _refused(diagnosis), _moved(diagnosis)
     gains = diagnosis.gains
@@ -131,7 +131,7 @@ def write_verdict(diagnosis: Diagnosis) -> str:
 
 
 def _describe_later_gain(diagnosis: Diagnosis) -> list[str]:
-    """What the extended model gains where nobody has measured yet."""
+    """Describe the gain of the extended model in a session that nobody has measured yet."""
     if diagnosis.later_gain_um is None:
         return []
     low, high = map(format_um, diagnosis.later_gain_um)
@@ -150,7 +150,7 @@ def _describe_rival_sets(diagnosis: Diagnosis) -> list[str]:
 
 
 def _of_growth(diagnosis: Diagnosis) -> list[str]:
-    """What the calibration could not know and the readings show, where it is written."""
+    """Describe the written expansion that the calibration could not know and the readings show."""
     count = len(diagnosis.search.last.findings) - len(diagnosis.search.searched.findings)
     grown = [i for i in diagnosis.written if i < count]
     if not grown:
@@ -167,17 +167,17 @@ def _of_growth(diagnosis: Diagnosis) -> list[str]:
 
 
 def _numbers(diagnosis: Diagnosis, indices: Iterable[int]) -> str:
-    """Findings as they are listed for a person, from 1: moved artefacts come first."""
+    """Number findings as they are listed for a person, from 1: moved artefacts come first."""
     return ", ".join(str(len(diagnosis.touched) + i + 1) for i in indices)
 
 
 def _listed(diagnosis: Diagnosis) -> int:
-    """How many findings are listed: with moved artefacts, and outliers as one."""
+    """Return how many findings are listed: moved artefacts count, and all outliers count as one."""
     return len(diagnosis.touched) + len(diagnosis.gains) + bool(diagnosis.outliers)
 
 
 def _what_stays(diagnosis: Diagnosis) -> str:
-    """Residuals beyond the noise in which nothing is significant, beside findings."""
+    """Describe residuals beyond the noise in which nothing is significant, next to findings."""
     rms, floor = diagnosis.remaining_rms_um, diagnosis.noise_floor_um
     if rms <= BEYOND_NOISE * floor:
         return ""
@@ -189,7 +189,7 @@ def _what_stays(diagnosis: Diagnosis) -> str:
 
 
 def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
-    """What residuals without a finding are, *but* for what the verdict says else."""
+    """Describe the residuals when nothing was found; *but*: what else the verdict reports."""
     rms, floor = diagnosis.rms_um, diagnosis.noise_floor_um
     absorbing = _absorbing(diagnosis)
     remain = 1e3 * float(np.sqrt((diagnosis.search.last.point_residual_mm**2).sum(axis=1).mean()))
@@ -215,7 +215,7 @@ def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
 
 
 def _absorbing(diagnosis: Diagnosis) -> str:
-    """What may absorb residuals and is no finding, in words."""
+    """Name what may absorb residuals and is no finding."""
     last = diagnosis.search.last
     if last.baseline.growth:
         return "the calibration's uncertainty and growth of links that it could not know"
@@ -226,7 +226,7 @@ def _absorbing(diagnosis: Diagnosis) -> str:
 
 
 def _few(diagnosis: Diagnosis) -> str:
-    """Which readings make the residuals, where few do: too many to be single ones gone wrong."""
+    """Describe the few readings that make the residuals: too many to be single mistakes."""
     last = diagnosis.search.last
     off_mm = np.linalg.norm(last.point_residual_mm, axis=1)
     usual_mm = float(np.median(off_mm))
@@ -246,7 +246,7 @@ def _few(diagnosis: Diagnosis) -> str:
 
 
 def _could_show(diagnosis: Diagnosis) -> str:
-    """What silence is worth: whether causes of ordinary size would have been found."""
+    """Describe whether causes of ordinary size would have been found."""
     rests = diagnosis.search.last.linear.rests
     spare = count_spare_rows(rests.observations)
     if spare < LEAST_SPARE:
@@ -280,19 +280,19 @@ def _moved(diagnosis: Diagnosis) -> list[str]:
 
 
 def _named(candidate: Candidate) -> str:
-    """A candidate in words."""
+    """Return a candidate in words."""
     if candidate.cause == "unknown":
         return f"A structure in {', '.join(candidate.depends_on)} ({candidate.location})"
     return f"{candidate.cause} ({candidate.location})"
 
 
 def format_um(value: float) -> str:
-    """Micrometres as a person writes them: three digits, no exponent."""
+    """Format micrometres for a person: three digits, no exponent."""
     return format_plain(value, UM_DIGITS)
 
 
 def describe_moved(touched: MovedArtefact) -> str:
-    """What was moved, where and when."""
+    """Describe which artefact was moved, where and when."""
     move = CATALOGUE["artefact_moved"].describe(touched.candidate, touched.amplitudes)
     instant = (
         "" if np.isnan(touched.instant_unix_s) else f", {format_clock(touched.instant_unix_s)}"

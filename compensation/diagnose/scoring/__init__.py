@@ -1,1 +1,1 @@
-"""What the residual wants of the candidates: projection, evidence, significance, likeness."""
+"""The scores of candidates on the residual: projection, evidence, significance, likeness."""

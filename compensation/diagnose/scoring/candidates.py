@@ -1,4 +1,4 @@
-"""All candidates against what one fit leaves, the findings' shapes among what absorbs."""
+"""The scores of all candidates on one fit's residual; the findings' shapes absorb, too."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from armd.compensation.model.arm import Arm
 
 @dataclass(frozen=True)
 class ScoredCandidates:
-    """One fit's projection, and how strongly what it leaves wants each candidate."""
+    """One fit's projection, and the products from which candidates are scored on its residual."""
 
     projection: Projection
     sums: Sums
@@ -47,45 +47,56 @@ class ScoredCandidates:
 
     @property
     def n_products(self) -> float:
-        """Products of candidates' columns with shared ones, and with rows, that scoring takes."""
+        """The number of products that scoring takes: of candidates' columns with shared ones and
+        with rows.
+        """
         columns, rows = self.sums.signatures.count.sum(), 3 * self.fit.linear.rests.n
         return float(columns) * (self.sums.shared.layout.n + rows / ROWS_A_COLUMN)
 
     @cached_property
     def scores(self) -> Scores:
-        """Of all candidates, the findings in the model.
+        """The scores of all candidates, with the findings in the model.
 
-        What is left of a curve, held to a likely size, is the curve's: parts of a finding are no
-        candidates beside it.
+        Parts of a finding are no candidates: a curve's amplitudes share one likely size, and what
+        this leaves of the curve still belongs to it.
         """
         return score(self.sums).without(np.any(self._parts, axis=0) | self._of_other_models())
 
     def without(self, index: int) -> Scores:
-        """Of all candidates, one finding and its shape taken out of the model."""
+        """Return the scores of all candidates, with one finding and its shape taken out of the
+        model.
+        """
         parts = np.delete(self._parts, index, axis=0)
         return self.score_without_finding(index).without(
             np.any(parts, axis=0) | self._of_other_models(index)
         )
 
     def score_findings(self, index: int) -> Scores:
-        """Of the findings themselves as candidates, one of them taken out of the model."""
+        """Score the findings themselves as candidates, with one of them taken out of the model."""
         return self._of_findings.score_without_finding(index)
 
     def score_findings_without_acting(self, index: int) -> Scores:
-        """The same, what acts through that finding taken out, too: with that in the model, and how
-        a lag's sessions began open, little of what it acts through would seem to be there."""
+        """Score the findings as `score_findings` does, also without what acts through that finding.
+
+        With that in the model, and with the start of a lag's sessions open, little would seem to be
+        left of the finding through which it acts.
+        """
         return self._of_findings.score_without_finding(
             index, *find_acting_through(self.fit.findings, index)
         )
 
     def score_without_finding(self, index: int, *acting: int) -> Scores:
-        """Of all candidates, one finding and its shape taken out, and others *acting* through it;
-        also of parts of the others."""
+        """Score all candidates without one finding, its shape, and others *acting* through it.
+
+        Parts of the other findings are scored, too.
+        """
         return score(self.sums, self._columns_of(index, *acting))
 
     def gain_of_shapes(self, index: int, candidates: Sequence[Candidate]) -> F64:
-        """What each of *candidates*, one finding and its shape taken out of the model, gains in log
-        evidence if its own shape may be off, as that finding's may."""
+        """Return what *candidates* gain in log evidence if their own shapes may be off.
+
+        One finding and its shape are taken out of the model; that finding's shape may be off, too.
+        """
         with_shapes, gained = add_own_shapes(candidates, self.projection, self._columns_of(index))
         may_be_off = np.array(
             [b is not c for b, c in zip(with_shapes, candidates, strict=True)], dtype=bool
@@ -93,7 +104,7 @@ class ScoredCandidates:
         return np.where(may_be_off, np.logaddexp(0.0, gained), 0.0)
 
     def _columns_of(self, index: int, *acting: int) -> I64:
-        """Among the shared columns, those of a finding and its shape, and of others *acting*."""
+        """Return the shared columns of a finding, its shape, and others *acting* through it."""
         columns_by_finding = [self.projection.shapes.without(self.fit, i) for i in (index, *acting)]
         columns: I64 = self.projection.place[np.concatenate(columns_by_finding)]
         return columns
@@ -103,8 +114,11 @@ class ScoredCandidates:
         return score_candidates(self.projection, self.fit.findings)
 
     def _of_other_models(self, index: int | None = None) -> Mask:
-        """(C,) which candidates act through findings that are not in the model, or not through all
-        that are; and which may replace other findings than the one taken out."""
+        """Return which candidates (C,) belong to another model than the one with these findings.
+
+        They act through findings that are not in the model, or not through all that are. Or they
+        may replace only a finding other than the one taken out.
+        """
         candidates = self.sums.signatures.candidates
         is_barred = np.zeros(len(candidates), dtype=bool)
         places = {c.place for i, c in enumerate(self.fit.findings) if i != index}
@@ -125,15 +139,16 @@ class ScoredCandidates:
 
     @cached_property
     def _parts(self) -> Mask:
-        """(findings, C) which candidates are within a finding."""
+        """The candidates that are within a finding, (findings, C)."""
         candidates = self.sums.signatures.candidates
         parts = [[c.is_within(finding) for c in candidates] for finding in self.fit.findings]
         return np.array(parts, dtype=bool).reshape(len(parts), len(candidates))
 
     def log_posterior_of(self, index: int, scores: Scores) -> float:
-        """Log posterior weight of a finding's place; a refined value may be better than its grid.
+        """Return the log posterior weight of a finding's place.
 
-        *scores* are those without it, by which it is normalised.
+        A refined value may have more evidence than the grid's values. *scores* are those without
+        the finding; they normalise the weight.
         """
         candidate = self.fit.findings[index]
         if is_shape(candidate):
@@ -147,7 +162,7 @@ class ScoredCandidates:
         evidence_own = float(self.score_findings(index).log_evidence[index])
         shape = next((c for c in self.fit.findings if c.location == locate_shape(candidate)), None)
         shape = shape or self.projection.shapes.candidates[index]
-        if shape is not None:  # in the model or not, it belongs to it
+        if shape is not None:  # in the model or not, the shape belongs to the finding
             with_shape = _with_shape(candidate, shape)
             shaped_evidence = float(
                 score_candidates(self.projection, [with_shape])
@@ -163,11 +178,12 @@ class ScoredCandidates:
 def add_own_shapes(
     candidates: Sequence[Candidate], projection: Projection, without: Iterable[int] = ()
 ) -> tuple[list[Candidate], F64]:
-    """Each candidate together with its shape, about the amplitudes that it has alone, or itself
-    where it has none; and (c,) what that gains in log evidence, its prior included. The shared
-    columns *without* are left out of the model.
+    """Return each candidate together with its shape, and (c,) the gain in log evidence.
 
-    The shape of a lag is how its sessions began. With that open, it may be a slower one.
+    The shape is made at the amplitudes that the candidate has alone; a candidate without one is
+    returned unchanged. The gain includes the shape's prior. The shared columns *without* are left
+    out of the model. The shape of a lag is how its sessions began. With that open, the lag may be
+    slower.
     """
     slower = [(i, s) for i, c in enumerate(candidates) for s in make_slower(c)]
     candidate_of = np.array([*range(len(candidates)), *(i for i, _ in slower)])
@@ -198,10 +214,10 @@ def _own_shape(candidate: Candidate, amplitudes: F64, projection: Projection) ->
 
 
 def _with_shape(candidate: Candidate, shape: Candidate | None) -> Candidate:
-    """A candidate together with its shape, if it has one.
+    """Return a candidate together with its shape, if it has one.
 
-    A cause may be many times its typical size. Its shape is off by a share of it and no further: a
-    shape that grew along, to three times the cause, would be any signal of that joint.
+    A cause may be many times its typical size. Its shape is off by at most a share of the cause: a
+    shape that could be three times the cause would explain any signal of that joint.
     """
     if shape is None:
         return candidate
@@ -212,7 +228,7 @@ def _with_shape(candidate: Candidate, shape: Candidate | None) -> Candidate:
 def score_candidates(
     projection: Projection, candidates: Sequence[Candidate] | Signatures
 ) -> ScoredCandidates:
-    """One pass over the rows with all *candidates*, compiled or not."""
+    """Score all *candidates*, compiled or not, by one pass over the rows."""
     if not isinstance(candidates, Signatures):
         candidates = compile_candidates(candidates, projection.fit.linear, projection.arm)
     return ScoredCandidates(projection, projection.sums(candidates))
@@ -222,9 +238,9 @@ def score_candidates(
 class PartedSurvey:
     """The whole catalogue about one fit without findings, summed by parts of the readings.
 
-    All parts together, with the findings in the model, are the survey that the search looks at.
-    Without one of them and without findings it is where the search repeated on the others begins.
-    The products of all candidates' columns with what placements share are worked out once for both.
+    All parts together, with the findings in the model, give the scores that the search uses.
+    Without one part and without findings, they give the start of the search repeated on the other
+    parts. Products of candidates' columns with what placements share are computed once for both.
     """
 
     projection: Projection
@@ -232,36 +248,42 @@ class PartedSurvey:
 
     @classmethod
     def from_fit(cls, fit: Fit, signatures: Signatures, arm: Arm) -> PartedSurvey:
-        """Of a *fit* without findings, by one pass over the rows."""
+        """Sum the catalogue about a *fit* without findings, by one pass over the rows."""
         projection = make_projection(fit, arm, assign_folds(fit.linear.rests))
         return cls(projection, projection.sums_by_part(signatures))
 
     @property
     def is_eliminated(self) -> Mask:
-        """Which of the nuisance columns without findings are eliminated, cell by cell."""
+        """The nuisance columns, without findings, that are eliminated cell by cell (a mask)."""
         return self.projection.is_eliminated
 
     def without_findings(self, fit: Fit) -> ScoredCandidates:
-        """All parts, under a *fit* without findings about the same point."""
+        """Return the scores on all parts, under a *fit* without findings about the same point."""
         return ScoredCandidates(replace(self.projection, fit=fit), add_sums(self.sums))
 
     def with_findings(self, fit: Fit) -> ScoredCandidates:
-        """All parts, with the findings of the *fit*, which is about the same point, in the
-        model."""
+        """Return the scores on all parts, with the findings of a *fit* about the same point in the
+        model.
+        """
         projection = self.projection.with_findings_of(fit)
         return ScoredCandidates(projection, projection.sums_with(add_sums(self.sums)))
 
     def without(self, part: int, fit: Fit) -> ScoredCandidates:
-        """All parts but one, for a *fit* without findings of what placements share, whose whitener
-        is zero there."""
+        """Return the scores on all parts but one.
+
+        *fit*: without findings, of what placements share; its whitener is zero in that part.
+        """
         remaining = [sums for i, sums in enumerate(self.sums) if i != part]
         return ScoredCandidates(self.projection.without(part, fit), add_sums(remaining))
 
 
 def find_weakest(projection: Projection) -> tuple[int, float]:
-    """The least significant of the findings, each beside all others but those that act through it:
-    its number, and the log of its p value. An exchange is as significant as what goes by the
-    exchanged sensors, and would not be there without."""
+    """Return the number of the least significant finding, and the log of its p value.
+
+    Each finding is tested given all others but those that act through it. An exchange of sensors is
+    as significant as the findings that go by the exchanged sensors: without it they would not be
+    there.
+    """
     findings = projection.fit.findings
     scored = score_candidates(projection, findings)
     log_p = []
@@ -279,7 +301,7 @@ def find_weakest(projection: Projection) -> tuple[int, float]:
 
 
 def find_acting_through(findings: Sequence[Candidate], index: int) -> list[int]:
-    """Numbers of the findings that act through another."""
+    """Return the numbers of the findings that act through another."""
     place = findings[index].place
     return [
         i

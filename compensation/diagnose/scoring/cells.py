@@ -1,4 +1,4 @@
-"""Rests of one placement in one part of the data, and what absorbs there and nowhere else."""
+"""The rests of one placement in one part of the data, and what absorbs only there."""
 
 from __future__ import annotations
 
@@ -13,31 +13,38 @@ from armd.compensation.estimate.linear.blocks import Blocks, Piece
 
 @dataclass(frozen=True)
 class Cell:
-    """The rests of one placement, and what absorbs there and nowhere else."""
+    """The rests of one placement in one part, and what absorbs only there."""
 
     part: int
     rests: I64
     rows: slice | I64
-    absorbing: F64  # (rows, l): absorbing @ absorbing.T is what they take of anything whitened
+    absorbing: F64  # (rows, l): absorbing @ absorbing.T projects whitened rows on what absorbs
 
 
 @dataclass(frozen=True)
 class ArtefactColumns:
-    """Candidates' columns that change the artefact, whitened; many are of one placement only. Such
-    a candidate has no others."""
+    """Whitened candidates' columns that change the artefact; many are of one placement only.
+
+    Such a candidate has no other columns.
+    """
 
     columns: I64  # (c,) their numbers among all candidates', ascending
     white: Blocks  # of c columns
 
     def columns_in(self, cell: Cell) -> tuple[I64, F64]:
-        """Which columns are not zero in a cell, by their numbers among all, and what they are
-        there (rows, ·)."""
+        """Return the numbers of the columns that are not zero in a cell, and their values there
+        (rows, ·).
+
+        The numbers count all candidates' columns.
+        """
         indices, rows = self._indices_in(cell)
         return self.columns[indices], rows
 
     def add_products(self, cell: Cell, candidates: I64, gram: F64) -> None:
-        """Add to *gram* (C, m, m) the products in a cell within candidates, by the numbers (C, m)
-        of their columns."""
+        """Add to *gram* (C, m, m) the products in a cell within candidates.
+
+        *candidates* (C, m): the numbers of their columns.
+        """
         indices, rows = self._indices_in(cell)
         numbers = self.columns[indices]
         begin = np.searchsorted(numbers, candidates[:, 0])
@@ -56,13 +63,13 @@ class ArtefactColumns:
 
 
 def to_rows(values: F64) -> F64:
-    """(k, 3, c) as rows (3 k, c)."""
+    """Reshape values (k, 3, c) to rows (3 k, c)."""
     k, axes, c = values.shape
     return values.reshape(k * axes, c)
 
 
 def split_by_part(white: Blocks, part_of: I64) -> Iterator[tuple[int, Piece]]:
-    """Each placement's rests by the part (n,) of the data that they belong to."""
+    """Split each placement's rests by the part (n,) of the data that they belong to."""
     for piece in white.pieces:
         for part in np.unique(part_of[piece.rests]):
             is_in_part = part_of[piece.rests] == part
@@ -72,7 +79,7 @@ def split_by_part(white: Blocks, part_of: I64) -> Iterator[tuple[int, Piece]]:
 
 
 def clear_columns(white: F64, cells: Sequence[Cell]) -> F64:
-    """Whitened columns (N, m) clear of what the cells' own columns absorb."""
+    """Clear whitened columns (N, m) of what the cells' own columns absorb."""
     remaining = white.copy()
     for cell in cells:
         remaining[cell.rows] -= cell.absorbing @ (cell.absorbing.T @ white[cell.rows])
@@ -82,8 +89,10 @@ def clear_columns(white: F64, cells: Sequence[Cell]) -> F64:
 def compute_products_of_parts(
     white: F64, cleared: F64, cells: Sequence[Cell], parts: int
 ) -> tuple[F64, F64]:
-    """Products (parts, m, u) of whitened columns (N, m) with *cleared* ones (N, u), and the squared
-    lengths (parts, m) of the former."""
+    """Return the products (parts, m, u) of whitened columns (N, m) with *cleared* ones (N, u).
+
+    The squared lengths (parts, m) of the whitened columns are returned with them.
+    """
     products = np.zeros((parts, white.shape[1], cleared.shape[1]))
     squared_lengths = np.zeros((parts, white.shape[1]))
     for cell in cells:
@@ -94,12 +103,12 @@ def compute_products_of_parts(
 
 
 def list_rows(rests: I64) -> I64:
-    """The three rows (3 k,) of each of rests (k,)."""
+    """Return the three rows (3 k,) of each of rests (k,)."""
     return (3 * rests[:, None] + np.arange(3)).ravel()
 
 
 def as_slice(rows: I64) -> slice | I64:
-    """A run of numbers as a slice, which copies nothing."""
+    """Return consecutive numbers as a slice, which copies nothing; others unchanged."""
     if len(rows) and rows[-1] - rows[0] + 1 == len(rows) and (np.diff(rows) == 1).all():
         return slice(int(rows[0]), int(rows[-1]) + 1)
     return rows

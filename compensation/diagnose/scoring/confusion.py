@@ -1,4 +1,4 @@
-"""How alike two causes look to these data."""
+"""The likeness of two causes in the data at hand."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from armd.compensation.model.arm import Arm
 
 @dataclass(frozen=True)
 class Likeness:
-    """A rival beside a finding, both clear of all else in the model, in units of the noise."""
+    """A rival compared with a finding, both clear of all else in the model, in noise units."""
 
-    angle_deg: float  # smallest principal angle of the signatures; 0: not to be told apart
+    angle_deg: float  # smallest principal angle of the signatures; 0: indistinguishable
     left_p: float  # significance of what the finding adds once the rival is in the model
 
 
 def compare(
     candidate: Candidate, rivals: Sequence[Candidate], current: Fit, arm: Arm
 ) -> list[Likeness]:
-    """How alike *candidate*, one of the fit's findings, and each of *rivals* are."""
+    """Return the likeness of *candidate*, one of the fit's findings, with each of *rivals*."""
     block_name = name_block(current.findings.index(candidate))
     blocks = make_finding_columns(current.linear, [candidate, *rivals], arm)
     products = _products(np.hstack([current.residual[:, None], *blocks]), current, block_name)
@@ -46,11 +46,12 @@ def compare(
 
 
 def _products(columns: F64, current: Fit, without: str) -> F64:
-    """Products (m, m) of *columns* (N, m), the residual and signatures, in the noise's metric,
-    clear of what absorbs but for the block *without*.
+    """Return products (m, m) of *columns* (N, m), the residual and signatures, in the noise's
+    metric.
 
-    What absorbs with a finite variance is noise that rests share: the metric is the inverse of
-    the whole covariance, not a projection. Signatures have unit length before that is cleared.
+    They are clear of what absorbs, except for the block *without*. What absorbs with a finite
+    variance is noise that rests share: the metric is the inverse of the whole covariance, not a
+    projection. Signatures are scaled to unit length before they are cleared.
     """
     white = current.noise.whiten(columns)
     size = np.sqrt((white**2).sum(axis=0))
@@ -63,7 +64,9 @@ def _products(columns: F64, current: Fit, without: str) -> F64:
 
 
 def _orthonormal(products: F64, span: slice) -> F64:
-    """Combinations (m, r) of all columns that span those of *span*, orthonormal in *products*."""
+    """Return combinations (m, r) of all columns that span those of *span*, orthonormal in
+    *products*.
+    """
     values, vectors = np.linalg.eigh(products[span, span])
     positive = values > ABSORBED
     basis = np.zeros((len(products), int(positive.sum())))
@@ -72,7 +75,7 @@ def _orthonormal(products: F64, span: slice) -> F64:
 
 
 def _remaining_p(products: F64, mine: slice, rival: F64) -> float:
-    """Tail of χ² for what *mine* explains of the residual, the first column, beside *rival*."""
+    """Return the χ² tail of what *mine* explains of the residual (first column), given *rival*."""
     projector = np.eye(len(products)) - rival @ (rival.T @ products)
     remaining = projector.T @ products @ projector
     basis = _orthonormal(remaining, mine)

@@ -1,7 +1,7 @@
-"""How strongly the residual wants each candidate, given what absorbs: score and evidence.
+"""The score and the evidence of each candidate on the residual, given what absorbs.
 
-All statistics come from sums of products over whitened rows, so that candidates by the thousand
-cost a few matrix products, and any column may be taken out of the model again without the rows.
+All statistics come from sums of products over whitened rows. So thousands of candidates cost a few
+matrix products, and any column can be taken out of the model without the rows.
 """
 
 from __future__ import annotations
@@ -28,8 +28,10 @@ from armd.compensation.estimate.linear.linear_model import LinearModel
 
 @dataclass(frozen=True)
 class Sums:
-    """Products over whitened rows of shared nuisance columns B, candidates' columns X, residual
-    r, clear of what absorbs in one placement only (but for the lengths)."""
+    """Products over whitened rows of shared nuisance columns B, candidates' columns X, residual r.
+
+    All but the lengths are clear of what absorbs in one placement only.
+    """
 
     signatures: Signatures
     shared: LinearModel  # of B
@@ -40,7 +42,7 @@ class Sums:
     xx: dict[int, tuple[I64, F64]]  # columns per candidate → candidates, (c, m, m)
 
     def with_more(self, added: Sums) -> Sums:
-        """Of these candidates, then those *added*, beside the same shared columns."""
+        """Append the candidates *added*, summed with the same shared columns."""
         xx, before = dict(self.xx), len(self.signatures.candidates)
         for m, (members, products) in added.xx.items():
             numbers, before_products = xx.get(m, (members[:0], products[:0]))
@@ -59,7 +61,7 @@ class Sums:
 
 
 def add_sums(parts: Sequence[Sums]) -> Sums:
-    """The sums over several parts of the rows: one after another, for they are large."""
+    """Add the sums over several parts of the rows, one after another because they are large."""
     first = parts[0]
     return Sums(
         first.signatures,
@@ -77,29 +79,29 @@ def add_sums(parts: Sequence[Sums]) -> Sums:
 
 @dataclass(frozen=True)
 class Scores:
-    """Per candidate, given what absorbs: score statistic, its degrees of freedom, evidence."""
+    """The score statistic, freedom and evidence of each candidate, given what absorbs."""
 
     signatures: Signatures
     statistic: F64  # (C,) χ² under no effect
     freedom: I64  # (C,) rank after projection; 0: absorbed
     log_p: F64  # (C,)
     log_evidence: F64  # (C,) log Bayes factor against nothing, prior not included
-    typical_snr: F64  # (C,) noise units that one of the catalogue's typical size would show, clear
+    typical_snr: F64  # (C,) noise units of the cleared signature at the catalogue's typical size
 
     @cached_property
     def log_prior(self) -> F64:
-        """(C,) log of the candidates' priors; −inf of those absorbed."""
+        """The log priors (C,) of the candidates; −inf for those absorbed."""
         expected = np.array([c.expected for c in self.signatures.candidates], dtype=bool)
         return compute_log_prior(self.signatures.kinds, self.freedom, expected)
 
     @cached_property
     def _log_weight(self) -> F64:
-        """(C,) log of evidence × prior."""
+        """The log of evidence × prior, (C,)."""
         weighted: F64 = self.log_evidence + self.log_prior
         return weighted
 
     def without(self, barred: Mask) -> Scores:
-        """With the candidates *barred* (C,) counted as absorbed."""
+        """Return the scores with the candidates *barred* (C,) counted as absorbed."""
         return replace(
             self,
             freedom=np.where(barred, 0, self.freedom),
@@ -108,18 +110,20 @@ class Scores:
         )
 
     def explain_as_well(self, statistic: float) -> Mask:
-        """(C,) which explain alone a good part of what a *statistic* stands for."""
+        """Return which candidates (C,) alone explain a good part of a *statistic*."""
         well: Mask = self.statistic >= LEAST_EXPLAINED_SHARE * statistic
         return well
 
     def silent(self, causes: Iterable[str]) -> tuple[str, ...]:
-        """Those of *causes* that have no candidate, or only candidates that are absorbed."""
+        """Return those of *causes* that have no candidate, or only candidates that are absorbed."""
         candidates = zip(self.signatures.candidates, self.freedom, strict=True)
         alive = {candidate.cause for candidate, freedom in candidates if freedom > 0}
         return tuple(sorted(set(causes) - alive))
 
     def shown_at_typical_size(self) -> dict[str, float]:
-        """Per named cause, the noise units of its typical size where these data show it best."""
+        """Return for each named cause the noise units of its typical size where these data show it
+        best.
+        """
         best: dict[str, float] = {}
         candidates = zip(self.signatures.candidates, self.typical_snr, strict=True)
         for candidate, snr in candidates:
@@ -128,23 +132,23 @@ class Scores:
         return best
 
     def log_posterior(self) -> F64:
-        """(C,) log of evidence × prior, normalised over the candidates: which one, if one."""
+        """Return log (evidence × prior) (C,), normalised over the candidates: which one, if one."""
         normalised: F64 = self._log_weight - self.log_total
         return normalised
 
     @cached_property
     def log_total(self) -> float:
-        """Log of the sum of evidence × prior over the candidates."""
+        """The log of the sum of evidence × prior over the candidates."""
         return float(logsumexp(self._log_weight))
 
     def log_places(self) -> dict[tuple[str, str], float]:
-        """Log posterior probability of every (cause, location)."""
+        """Return the log posterior probability of every (cause, location)."""
         log, numbers = self.log_posterior(), dict[tuple[str, str], int]()
         place_of = [numbers.setdefault(c.place, len(numbers)) for c in self.signatures.candidates]
         largest = np.full(len(numbers), -np.inf)
         np.maximum.at(largest, place_of, log)
         largest[np.isneginf(largest)] = 0.0
-        with np.errstate(divide="ignore"):  # all of a place are absorbed
+        with np.errstate(divide="ignore"):  # log 0 where all candidates of a place are absorbed
             sums = largest + np.log(
                 np.bincount(place_of, np.exp(log - largest[place_of]), len(numbers))
             )
@@ -152,7 +156,7 @@ class Scores:
 
 
 def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
-    """Statistics of all candidates, the shared columns *without* left out of the model."""
+    """Score all candidates, with the shared columns *without* left out of the model."""
     columns = np.setdiff1d(np.arange(sums.shared.layout.n), list(without))
     t, u = _project_out(sums, sums.shared.only(columns), columns)
     n = len(sums.signatures.candidates)
@@ -160,7 +164,7 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
     typical_snr = np.zeros(n)
     for m, (members, raw) in sums.xx.items():
         numbers = sums.signatures.first[members][:, None] + np.arange(m)
-        size = np.sqrt(np.maximum(sums.length[numbers], 0.0))  # rounding may be below
+        size = np.sqrt(np.maximum(sums.length[numbers], 0.0))  # rounding may make it negative
         size[size == 0.0] = 1.0
         tc = t[numbers] / size[:, :, None]  # (c, m, r)
         gram = raw / (size[:, :, None] * size[:, None, :]) - tc @ tc.transpose(0, 2, 1)
@@ -186,8 +190,10 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
 
 
 def estimate_amplitudes(sums: Sums, without: Iterable[int] = ()) -> list[F64]:
-    """Amplitudes of each candidate, alone beside what absorbs, the shared columns *without* left
-    out of the model."""
+    """Return the amplitudes of each candidate alone, given what absorbs.
+
+    The shared columns *without* are left out of the model.
+    """
     columns = np.setdiff1d(np.arange(sums.shared.layout.n), list(without))
     t, u = _project_out(sums, sums.shared.only(columns), columns)
     amplitudes: list[F64] = [np.empty(0)] * len(sums.signatures.candidates)
@@ -200,21 +206,27 @@ def estimate_amplitudes(sums: Sums, without: Iterable[int] = ()) -> list[F64]:
 
 
 def _project_out(sums: Sums, model: LinearModel, columns: I64) -> tuple[F64, F64]:
-    """What a *model* of the shared *columns* takes of X: its coordinates (K, b) along an
-    orthonormal basis of them; and what of the products of X with the residual is left, (K,)."""
+    """Project X and its products with the residual on a *model* of the shared *columns*.
+
+    The first result holds the coordinates (K, b) of what the model takes of X, along an orthonormal
+    basis of the columns. The second holds the products (K,) of the rest of X with the residual.
+    """
     t = model.project(sums.bx[columns]).T
     return t, sums.xr - t @ model.project(sums.br[columns])
 
 
 def compute_log_tail(statistic: F64, freedom: I64) -> F64:
-    """Log of the probability that χ² of so many degrees of freedom is larger."""
+    """Return the log probability that χ² with *freedom* degrees of freedom exceeds *statistic*."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(chdtrc(freedom, statistic)), dtype=np.float64)
 
 
 def compute_log_bayes_factors(gram: F64, side: F64, prior_sd: F64, reach: F64) -> F64:
-    """(c,) of candidates against nothing, from products (c, m, m) of their columns and (c, m) with
-    the residual; amplitudes a priori normal about zero with the catalogue's size."""
+    """Return the log Bayes factors (c,) of candidates against nothing.
+
+    *gram* (c, m, m): products of their columns; *side* (c, m): products with the residual. The
+    amplitudes are a priori normal about zero with the catalogue's size.
+    """
     logs = []
     for scale, share in SCALES.items():
         prior = np.minimum(scale, reach) * prior_sd

@@ -1,16 +1,17 @@
-"""Noise that remembers: what one reading errs by, the next one errs by again, in part.
+"""Noise with a memory: a part of the error of one reading is repeated in the next one.
 
-A seat not cleaned, warm air, a hand that leans on the arm: errors last longer than a reading. A
-step or a slow course then has a larger score by chance than independent readings would give it.
-The correlation exp(−Δt/τ) of rests that follow each other in one placement is taken from what is
-left beside a candidate; where it is not beyond doubt, nothing changes.
+A dirty seat, warm air or a hand that leans on the arm cause errors that last longer than a reading.
+A step or a slow course then has a larger score by chance than with independent readings. The
+correlation exp(−Δt/τ) of successive rests in one placement is estimated from the residual of a
+model with the candidate. Where it is not significant, nothing changes.
 
-What remembers are the sources, the encoders and the hand, not the tip: between two postures the
-error of one encoder turns, so of an encoder's memory the tip shows a part, and a step of that
-encoder's angle meets all of it.
+The sources, namely the encoders and the hand, have the memory, not the tip. Between two postures
+the error of one encoder turns: the tip shows only a part of the encoder's memory, but a step of
+that encoder's angle is affected by all of it.
 
-What is left shows less of a memory than there was: a placement's pose, and above all a base that
-may wander while it stands, take up what is slow. τ is that of which as much would be left.
+The residual shows less memory than there was: a placement's pose, and above all a base that may
+drift during the placement, absorb what is slow. So τ is chosen such that as much memory would be
+left in the residual.
 """
 
 from __future__ import annotations
@@ -36,23 +37,29 @@ from armd.compensation.diagnose.problem.linear import Rests
 
 @dataclass(frozen=True)
 class Sequence:
-    """Rests in the order in which they were measured, placement by placement."""
+    """The rests in the order in which they were measured, placement by placement."""
 
     order: I64  # (n,)
     placement: I64  # (n,) in that order
     time_s: F64  # (n,) in that order
-    posture: I64  # (n,) in that order: copies of one share more than what lasts
+    posture: I64  # (n,) in that order; copies of one posture share more than noise with a memory
 
     @classmethod
     def from_rests(cls, placement: I64, time_s: F64, posture: I64 | None = None) -> Sequence:
-        """By each rest's placement (n,), time (n,) and *posture* (n,), of its own without."""
+        """Sort rests by placement (n,) and time (n,).
+
+        *posture* (n,): the posture of each rest; without it each rest has its own.
+        """
         order = np.lexsort((time_s, placement))
         posture = np.arange(len(order)) if posture is None else posture
         return cls(order, placement[order], time_s[order], posture[order])
 
     def pairs(self, lag: int) -> tuple[I64, F64]:
-        """First rests (positions in the order) of pairs *lag* rests apart in one placement, and the
-        seconds between them."""
+        """Return the first rests of pairs *lag* rests apart in one placement, and the seconds
+        between them.
+
+        Rests are numbered by their positions in the order.
+        """
         end = len(self.order) - lag
         together = self.placement[lag:] == self.placement[:end]
         first = np.flatnonzero(together & (self.posture[lag:] != self.posture[:end]))
@@ -61,7 +68,7 @@ class Sequence:
 
 @dataclass(frozen=True)
 class NoiseMemory:
-    """Of a noise that lasts: τ in s, and its variance in units of the one that is stated."""
+    """The time constant τ in s of a noise with memory, and its variance over the stated one."""
 
     tau_s: float
     variance: float
@@ -69,11 +76,11 @@ class NoiseMemory:
 
 @dataclass(frozen=True)
 class Lasting:
-    """Rests by which a memory is seen.
+    """The rests from which the memory of the noise is estimated.
 
-    *sources* (n, 3, s): how one moves, in units of its noise, with each independent source of it,
-    of unit variance; zero for rests left out. *absorbed*: of each placement its rests (r,), and
-    the columns U (3r, l) by which U Uᵀ was taken from what they leave.
+    *sources* (n, 3, s): how a rest moves, in units of its noise, with each independent source of
+    unit variance; zero for rests left out. *absorbed*: for each placement its rests (r,), and the
+    columns U (3r, l) by which U Uᵀ was taken from their residual.
     """
 
     sources: F64
@@ -82,16 +89,18 @@ class Lasting:
 
     @classmethod
     def from_rests(cls, rests: Rests, sources: F64, absorbed: Several[tuple[I64, F64]]) -> Lasting:
-        """Of rests in the order of their observations."""
+        """Make it of rests in the order of their observations."""
         observations = rests.observations
-        # Orientations follow each other, and points do.
+        # Points and orientations are separate sequences.
         group = observations.turned * len(observations.placement_names)
         placement, time_s = observations.placement + group, observations.states.time_s
         sequence = Sequence.from_rests(placement, time_s, rests.posture)
         return cls(sources, sequence, absorbed)
 
     def memory(self, residual: F64) -> NoiseMemory | None:
-        """The memory of the *residual* (n, 3), in units of its noise; None: none beyond doubt."""
+        """Return the memory of the *residual* (n, 3), in units of its noise; None if not
+        significant.
+        """
         first, second = self._neighbours
         of_sources = np.einsum("nis,ni->ns", self.sources, residual)
         products = float((of_sources[first] * of_sources[second]).sum())
@@ -106,17 +115,17 @@ class Lasting:
         ):
             return None
         expected, variance_shares = self._curve
-        rising = slice(int(np.argmax(expected)) + 1)  # what lasts still longer shows less
+        rising = slice(int(np.argmax(expected)) + 1)  # beyond it a longer memory shows less
         tried = np.array(_list_tried())
         correlation = float(np.interp(measured, expected[rising], tried[rising]))
-        if correlation < LEAST_CORRELATION:  # so much is absorbed that none would show
+        if correlation < LEAST_CORRELATION:  # too much is absorbed for any memory to show
             return None
         variance = float(variance_shares[0] / np.interp(correlation, tried, variance_shares))
         return NoiseMemory(-self._usual_s / float(np.log(correlation)), variance)
 
     @cached_property
     def _neighbours(self) -> tuple[I64, I64]:
-        """Rests and the next ones, where these are not far off; none without times."""
+        """The rests and their successors, where these are not far off; none without times."""
         first, gap_s = self.sequence.pairs(1)
         if not np.isfinite(gap_s).all() or not len(gap_s) or not np.median(gap_s) > 0.0:
             return first[:0], first[:0]
@@ -130,14 +139,16 @@ class Lasting:
 
     @cached_property
     def _time_s(self) -> F64:
-        """(n,) in the order of the rests."""
+        """The times (n,) in the order of the rests."""
         time_s = np.empty(len(self.sequence.order))
         time_s[self.sequence.order] = self.sequence.time_s
         return time_s
 
     @cached_property
     def _alike(self) -> float:
-        """What products of rests with the next ones would be if the sources stayed."""
+        """The sum of products of rests with their successors if the sources' errors stayed
+        unchanged.
+        """
         first, second = self._neighbours
         return float(
             (np.einsum("nis,njs->nij", self.sources[first], self.sources[second]) ** 2).sum()
@@ -149,21 +160,22 @@ class Lasting:
 
     @cached_property
     def _curve(self) -> tuple[F64, F64]:
-        """For no correlation and those tried, what is shown of it, and of the variance."""
+        """The correlation and the share of variance that the residual shows, for each one tried."""
         expected, variance_shares = np.array(
             [self._expect_shown(correlation) for correlation in _list_tried()]
         ).T
         return expected, variance_shares
 
     def _expect_shown(self, correlation: float) -> tuple[float, float]:
-        """The correlation that what is left shows of a *correlation*, and the share of the
-        variance."""
+        """Return the correlation that the residual shows of a *correlation*, and the share of
+        variance.
+        """
         product = removed = 0.0
         following = np.full(len(self.sources), -1)
         following[self._neighbours[0]] = self._neighbours[1]
         for rests, columns in self.absorbed:
             if not 0 < len(rests) <= MOST_MEMORY_RESTS or not columns.size:
-                continue  # certified lengths have errors of their own, and no rests
+                continue  # certified lengths have independent errors, and no rests
             sources = self.sources[rests]
             white = columns
             if correlation > 0.0:
@@ -189,13 +201,16 @@ class Lasting:
 
 
 def _list_tried() -> list[float]:
-    """No correlation, those of the table, and the most that is noise."""
+    """Return no correlation, those of the table, and the largest that counts as noise."""
     return [0.0, *(c for c in CORRELATIONS_TRIED if c < MOST_CORRELATION), MOST_CORRELATION]
 
 
 def compute_variance_of_sums(weights: F64, sources: F64, tau_s: float, sequence: Sequence) -> float:
-    """Σ over the columns of the variance of weighted sums of a noise of unit variance, by *weights*
-    (n, 3, m) and its *sources* (n, 3, s), over the same of independent rests."""
+    """Return the variance of weighted sums of a noise with memory, over that of independent rests.
+
+    *weights* (n, 3, m) and *sources* (n, 3, s) of a noise of unit variance; the variances are
+    summed over the m columns.
+    """
     of_sources = np.einsum("nis,nim->nsm", sources, weights)
     ordered = of_sources[sequence.order].reshape(len(weights), -1)
     independent = float((ordered**2).sum())

@@ -1,4 +1,4 @@
-"""How probable a cause, its place, its kind and its value are before any reading."""
+"""The prior probability of a cause, its place, its kind and its value."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.constants import EXPECTED_PRIOR, ROUNDING, UNKNOWN_PRIOR
 from armd.compensation.effects.catalogue import CATALOGUE
 
-#: As `identify_kind` says: cause, location, and what else makes a candidate one of its kind.
+#: The result of `identify_kind`: cause, location, names of columns, names of settings.
 CandidateKind = tuple[str, ...]
 
 
 def compute_log_prior(kinds: Sequence[CandidateKind], freedom: I64, expected: Mask) -> F64:
-    """(C,) log priors of candidates: shared among causes by their commonness, then equally among
-    places, kinds and values of a grid. Those absorbed, without *freedom* (C,), take no part: −inf.
-    Those *expected* (C,) are there as likely as not.
+    """Return the log priors (C,) of candidates.
 
-    A constant that shifted once is one kind, its step at one of forty instants another: a fine
-    grid must not make its place's plain kinds improbable.
+    The probability is shared among causes by their commonness, then equally among places, kinds and
+    values of a grid. Candidates without *freedom* (C,) are absorbed and get −inf. Places with
+    *expected* (C,) candidates have such a cause with the probability EXPECTED_PRIOR.
+
+    A constant that shifted once is one kind; its step at one of forty instants is another. So a
+    fine grid does not make its place's plain kinds improbable.
     """
     alive = np.flatnonzero(freedom > 0).tolist()
     grid = Counter(kinds[i] for i in alive)
@@ -44,8 +46,11 @@ def compute_log_prior(kinds: Sequence[CandidateKind], freedom: I64, expected: Ma
 
 
 def find_log_prior(kind: CandidateKind, kinds: Sequence[CandidateKind], log_prior: F64) -> float:
-    """The log prior of a finding of this *kind*, from those (C,) of the catalogue's candidates:
-    that of its kind, or, where none is of it, the least of its cause."""
+    """Return the log prior of a finding of this *kind*.
+
+    *log_prior* (C,) and *kinds* are those of the catalogue's candidates. The result is the prior of
+    the kind or, where no candidate has this kind, the smallest one of its cause.
+    """
     able = np.flatnonzero(np.isfinite(log_prior)).tolist()
     of_cause = [i for i in able if kinds[i][0] == kind[0]]
     alike = [float(log_prior[i]) for i in of_cause if kinds[i] == kind]

@@ -1,9 +1,8 @@
 """The rows of one fit, whitened and clear of what absorbs in one placement only.
 
-A placement's pose, and the base wandering while it stands, absorb in its own rows and nowhere else:
-they are eliminated there, once. What all placements share, some hundred columns, stays. Products
-with candidates' columns by the thousand are then sums over placements: leaving a placement out
-takes it out of the sum.
+A placement's pose, and the base's drift during it, absorb only in its own rows: they are eliminated
+there once. The columns that all placements share, about a hundred, stay. Products with thousands of
+candidates' columns are then sums over placements: to hold a placement out, its term is omitted.
 """
 
 from __future__ import annotations
@@ -36,13 +35,13 @@ from armd.compensation.estimate.linear.blocks import Piece
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
 
-#: By how many columns m a candidate has: which candidates, and products (parts, c, m, m) within.
+#: By the number m of a candidate's columns: candidates (c,), products within (parts, c, m, m).
 Grams = dict[int, tuple[I64, F64]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Projection:
-    """What candidates are weighed on: one fit's rows, whitened; b nuisance columns are shared."""
+    """One fit's whitened rows, on which candidates are scored; b nuisance columns are shared."""
 
     fit: Fit
     arm: Arm
@@ -51,7 +50,7 @@ class Projection:
     jacobian: F64  # (P, N) whitened
     place: I64  # (nuisance and shapes,) number among the shared columns; −1: eliminated
     parts: tuple[LinearModel, ...]  # the shared columns' problem, on each part's rows
-    cleared: F64  # (N, b + 1) shared columns, then the residual, clear of the cells' own
+    cleared: F64  # (N, b + 1) shared columns, then the residual, clear of the cells' own columns
     side: F64  # (parts, b) products of the shared columns with the residual, clear
 
     @cached_property
@@ -61,35 +60,41 @@ class Projection:
 
     @cached_property
     def within(self) -> F64:
-        """(b, b) products of the shared columns, clear of the cells' own, among each other."""
+        """The products (b, b) of the shared columns among each other, clear of the cells' own
+        columns.
+        """
         return self.cleared[:, :-1].T @ self.cleared[:, :-1]
 
     @cached_property
     def lasting(self) -> Lasting:
-        """By what noise shows that it lasts from rest to rest."""
+        """The rests and sources from which the memory of the noise is estimated."""
         linear, absorbed = self.fit.linear, [(cell.rests, cell.absorbing) for cell in self.cells]
         return Lasting.from_rests(linear.rests, self.fit.noise.sources(linear.joints), absorbed)
 
     def clear_of_all(self, columns: F64) -> tuple[F64, F64]:
-        """Columns (N, m), whitened, and the same clear of all that absorbs, the shapes included."""
+        """Return columns (N, m), whitened, and again clear of all that absorbs, the shapes
+        included.
+        """
         white = self.fit.noise.whiten(columns)
         cleared = clear_columns(white, self.cells)
         shared = self.cleared[:, :-1]
         return white, cleared - shared @ self.shared.explain(shared.T @ white)
 
     def clear_of_cells(self, columns: F64) -> F64:
-        """Columns (N, m), whitened and clear of what the cells' own absorb."""
+        """Return columns (N, m), whitened and clear of what the cells' own columns absorb."""
         return clear_columns(self.fit.noise.whiten(columns), self.cells)
 
     @property
     def is_eliminated(self) -> Mask:
-        """Which of the fit's nuisance columns are eliminated, in cells of their own."""
+        """The fit's nuisance columns that are eliminated in cells of their own (a mask)."""
         eliminated: Mask = self.place[: self.fit.layout.blocks.n] < 0
         return eliminated
 
     def without(self, part: int, fit: Fit) -> Projection:
-        """Without the rests of a part, for a *fit* of the shared columns whose whitener is zero
-        there."""
+        """Return the projection without the rests of a part.
+
+        *fit*: of the shared columns, with a whitener that is zero in that part.
+        """
         nothing = self.parts[part].without_rows()
         cleared_rows = self.cleared.copy()
         for cell in self.cells:
@@ -106,7 +111,7 @@ class Projection:
         )
 
     def with_findings_of(self, fit: Fit) -> Projection:
-        """The same rows with a fit's findings and their shapes among what absorbs; none were."""
+        """Add a fit's findings and their shapes to what absorbs; there must be none yet."""
         start = fit.layout.identified.stop
         stop = fit.layout.mount.start
         shapes = make_shapes(fit, self.arm)
@@ -143,7 +148,9 @@ class Projection:
         )
 
     def sums(self, signatures: Signatures) -> Sums:
-        """Products with all candidates' columns: one pass over the rows, all parts as one."""
+        """Return the products with all candidates' columns: one pass over the rows, all parts as
+        one.
+        """
         cells = tuple(replace(cell, part=0) for cell in self.cells)
         side = self.side.sum(axis=0, keepdims=True)
         (joined,) = replace(self, cells=cells, parts=(self.shared,), side=side).sums_by_part(
@@ -152,7 +159,7 @@ class Projection:
         return joined
 
     def sums_by_part(self, signatures: Signatures) -> list[Sums]:
-        """The same of each part by itself."""
+        """Return the products with all candidates' columns of each part by itself."""
         changes = self._changes(signatures)
         lengths, grams = self._grams(signatures, changes)
         products = self._products(signatures, changes, grams)
@@ -170,8 +177,11 @@ class Projection:
         ]
 
     def _products(self, signatures: Signatures, changes: ArtefactColumns, grams: Grams) -> F64:
-        """Products (parts, K, b + 1) of all columns with the shared ones and the residual. From the
-        *grams*, what each cell's own columns take of a candidate's is taken."""
+        """Return products (parts, K, b + 1) of all columns with the shared ones and the residual.
+
+        What each cell's own columns absorb of a candidate's columns is subtracted from *grams* in
+        place.
+        """
         products = np.zeros((len(self.parts), signatures.n_columns, self.cleared.shape[1]))
         pairs = np.zeros((len(self.parts), signatures.n_pairs, self.cleared.shape[1]))
         for cell, pair_products in self._of_pairs(signatures):
@@ -189,8 +199,11 @@ class Projection:
         return products
 
     def _of_pairs(self, signatures: Signatures) -> Iterator[tuple[Cell, F64]]:
-        """Of each cell `Signatures.of_pairs` with the cell's own columns, then the shared ones and
-        the residual. Cells are summed in their order, however many processors there are."""
+        """Yield each cell with its `Signatures.of_pairs`.
+
+        These are products with the cell's own columns, then the shared ones and the residual. Cells
+        keep their order, so that sums do not depend on the number of processors.
+        """
 
         def sum_cell(cell: Cell) -> F64:
             columns = np.hstack([cell.absorbing, self.cleared[cell.rows]])
@@ -202,8 +215,11 @@ class Projection:
         return zip(self.cells, run_in_order(sum_cell, self.cells), strict=True)
 
     def sums_with(self, sums: Sums) -> Sums:
-        """Products with all candidates' columns, where *sums* holds those with the first
-        shared columns: those with the others, too."""
+        """Return *sums* with the products of all candidates' columns with the remaining shared
+        columns.
+
+        *sums* holds the products with the first shared columns.
+        """
         b = sums.bx.shape[0]
         signatures = sums.signatures
         added = self.cleared[:, b:-1]
@@ -222,19 +238,21 @@ class Projection:
 
     @cached_property
     def _at_rests(self) -> F64:
-        """(P, n, 3) the whitened Jacobian."""
+        """The whitened Jacobian (P, n, 3)."""
         at_rests = self.jacobian[:, : 3 * self.fit.linear.rests.n]
         return at_rests.reshape(len(self.jacobian), -1, 3)
 
     def _changes(self, signatures: Signatures) -> ArtefactColumns:
-        """The columns that change the artefact."""
+        """Return the columns that change the artefact."""
         noise, changes = self.fit.noise, signatures.changes
         having = np.array([i for i, change in enumerate(changes) if change], dtype=np.int64)
         blocks = self.fit.linear.artefact_columns([c for c in changes if c is not None])
         return ArtefactColumns(having, blocks.whitened(noise.whitener, noise.distance_mm))
 
     def _grams(self, signatures: Signatures, changes: ArtefactColumns) -> tuple[F64, Grams]:
-        """Squared lengths (parts, K) of all columns, and products within each candidate."""
+        """Return the squared lengths (parts, K) of all columns, and the products within each
+        candidate.
+        """
         counts = map(int, np.unique(signatures.count))
         members = {m: np.flatnonzero(signatures.count == m) for m in counts}
         grams = {
@@ -260,7 +278,7 @@ class Projection:
 
 
 def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projection:
-    """The projection of a fit; *part_of* (n,): which part of the data each rest belongs to."""
+    """Make the projection of a fit; *part_of* (n,): the part of the data of each rest."""
     observations = fit.linear.rests.observations
     n, size = observations.n, len(fit.residual)
     part_of = np.zeros(n, dtype=np.int64) if part_of is None else part_of
@@ -268,7 +286,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     shapes = make_shapes(fit, arm)
     variance = np.concatenate([fit.nuisance.variance, shapes.variance])
     white = fit.nuisance.columns.whitened(fit.noise.whitener, fit.noise.distance_mm)
-    # The certified distances are in no placement: they are a part that always stays.
+    # Certified distances belong to no placement: they are a part that is never left out.
     none = np.empty(0, dtype=np.int64)
     at_lengths = np.flatnonzero(white.distances.any(axis=0))
     of_lengths = Piece(none, at_lengths, white.distances[:, None, at_lengths])

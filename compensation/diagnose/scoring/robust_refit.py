@@ -1,9 +1,9 @@
-"""How well candidates explain what was clipped, each with the tails clipped about its own fit.
+"""The fit of candidates to clipped readings, each with the outliers clipped about its own fit.
 
-The search clips what stands far from the fit so far. A strong cause that few rests show is then
-clipped as if it were a tail, and what is left of it has another shape: a drag by the square of the
-rate looks linear in it. Before a strong candidate is named, the likeliest are each fitted with the
-tails clipped about that very fit (Huber's loss by reweighting).
+The search clips readings that are far from the current fit. A strong cause that few rests show is
+then clipped as if it were an outlier, and the rest of it has another shape: drag by the square of
+the rate looks linear in it. So before a strong candidate is named, the likeliest ones are each
+fitted with the outliers clipped about that fit (Huber's loss by reweighting).
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ from armd.compensation.estimate.noise.robust import (
 def compute_unclipped_gain(
     candidates: Sequence[Candidate], weight: F64, projection: Projection
 ) -> F64:
-    """(C,) by how much each one's gain in log likelihood is larger than on the clipped residual.
+    """Return by how much each candidate's gain (C,) in log likelihood exceeds that on clipped
+    residuals.
 
-    Zero where it could not matter: for those of a log *weight* (C,) too far below the best.
+    It is zero where it could not matter: for a log *weight* (C,) too far below the best.
     """
     _, residuals = projection.clear_of_all(_residuals(projection))
     in_tails = _huber(residuals[:, 0], projection) - _huber(residuals[:, 1], projection)
@@ -52,7 +53,7 @@ def compute_unclipped_gain(
 
 
 def clip_about(candidate: Candidate, projection: Projection) -> Projection:
-    """The projection, its residual clipped about the fit with a candidate in the model."""
+    """Clip the projection's residual about the fit with a candidate in the model."""
     fit = projection.fit
     whitened_residual = _absorbing(projection).joined(candidate).robust().residual
     size = np.linalg.norm(whitened_residual, axis=1) * fit.noise.stretch
@@ -66,12 +67,12 @@ def clip_about(candidate: Candidate, projection: Projection) -> Projection:
 
 
 def _residuals(projection: Projection) -> F64:
-    """(N, 2) as measured, and clipped."""
+    """Return the residual as measured, and clipped (N, 2)."""
     return np.stack([projection.fit.raw_residual, projection.fit.residual], axis=1)
 
 
 def _huber(residual: F64, projection: Projection) -> float:
-    """Huber's loss of residuals (N,), of each rest's components together."""
+    """Return Huber's loss of residuals (N,), by the length of each rest's residual."""
     end = 3 * projection.fit.linear.rests.n
     stretch = projection.fit.noise.stretch
     size = np.linalg.norm(residual[:end].reshape(-1, 3), axis=1) * stretch
@@ -80,8 +81,10 @@ def _huber(residual: F64, projection: Projection) -> float:
 
 @dataclass(frozen=True)
 class _Robust:
-    """A fit of least Huber's loss: the loss, and of each rest what is left (n, 3) and by how much
-    its weight is less than one (n,)."""
+    """A fit of least Huber's loss.
+
+    *residual* (n, 3): of each rest; *weight_loss* (n,): by how much the rest's weight is below one.
+    """
 
     loss: float
     residual: F64
@@ -90,18 +93,21 @@ class _Robust:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Columns that explain a residual, their amplitudes held by a prior: those that absorb, and a
-    candidate's beside them, for what absorbs is many megabytes and stays where it is."""
+    """Columns that explain a residual, with priors of their amplitudes.
+
+    A candidate's columns are separate from those that absorb, which are many megabytes and are not
+    copied.
+    """
 
     projection: Projection
     absorbing: F64  # (N, b)
     candidate_columns: F64  # (N, m)
     model: LinearModel
     residuals: F64  # (N, 2) as measured, and clipped
-    sides: F64  # (b + m, 2) products with these
+    sides: F64  # (b + m, 2) products of all columns with the residuals
 
     def joined(self, candidate: Candidate) -> _Problem:
-        """With a candidate's columns, amplitudes of up to the largest plausible size."""
+        """Add a candidate's columns, with amplitudes of up to the largest plausible size."""
         projection = self.projection
         columns = make_finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
         candidate_columns = projection.clear_of_cells(columns)
@@ -119,15 +125,17 @@ class _Problem:
         )
 
     def square_of_clipped(self) -> float:
-        """Least half of the clipped residual's sum of squares, what holds the amplitudes
-        included."""
+        """Return the least half sum of squares of the clipped residual, with the priors' part."""
         towards = self.model.project(self.sides[:, 1])
         clipped = self.residuals[:, 1]
         return 0.5 * float(clipped @ clipped - towards @ towards)
 
     def robust(self, weight_loss: F64 | None = None) -> _Robust:
-        """The fit of least Huber's loss to what was measured, by reweighting; *weight_loss* (n,):
-        by how much rests weigh less than one to begin with. The loss has one minimum only."""
+        """Fit with least Huber's loss to what was measured, by reweighting.
+
+        *weight_loss* (n,): by how much the first weights are below one. The loss has only one
+        minimum.
+        """
         n = self.projection.fit.linear.rests.n
         weight_loss = np.zeros(n) if weight_loss is None else weight_loss
         raw, b = self.residuals[:, 0], self.absorbing.shape[1]
@@ -153,9 +161,9 @@ class _Problem:
 
 
 def _absorbing(projection: Projection) -> _Problem:
-    """What placements share of what absorbs."""
+    """Make the problem of the absorbing columns that placements share."""
     columns = projection.cleared[:, :-1]
-    # Columns clear of the cells are what is weighed here: their own lengths are the yardstick.
+    # The columns here are clear of the cells: lengths are theirs, not those before clearing.
     shared = projection.shared
     model = LinearModel.from_products(shared.layout, projection.within, shared.variance)
     residuals = projection.clear_of_cells(_residuals(projection))

@@ -1,10 +1,10 @@
-"""Whether a score stands beside the scatter of the very rests it rests on.
+"""A test of a score against the scatter of the rests that decide on it.
 
-A step or a single target is decided by few rests. Where the noise has heavy tails, a handful of
-them that err the same way reach a score that noise of one variance never would. Their own
-residuals tell: by how much the score's variance, taken from these (White's sandwich, HC3), is
-larger than the noise's, known no better than so many rests can know it. Where what is left of them
-remembers from rest to rest, the score varies more.
+Few rests decide on a step or a single target. Where the noise has heavy tails, some of them that
+err alike reach a score that noise of one variance never would. Their own residuals show it: the
+score's variance from these residuals (White's sandwich, HC3) is compared with that of the noise.
+The ratio is known only as well as so few rests allow. Where their residuals have a memory, the
+score varies more.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from armd.compensation.estimate.linear.bordered import compute_root_along_known
 
 
 def compute_log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
-    """Log of the p value of a candidate's score, its variance from the rests' own residuals."""
+    """Return the log p value of a candidate's score, its variance from the rests' residuals."""
     white, cleared, residual, size = _cleared(candidate, projection)
     gram = white.T @ cleared
     root = compute_root_along_known(gram, ABSORBED)
@@ -41,23 +41,23 @@ def compute_log_p_by_scatter(candidate: Candidate, projection: Projection) -> fl
     weights = cleared @ root
     rests = weights[:n].reshape(-1, 3, m)
     residual_rests = (residual - weights @ score)[:n].reshape(-1, 3)
-    posture = projection.fit.linear.rests.posture  # copies of one speak with one voice
+    posture = projection.fit.linear.rests.posture  # copies of one posture count as one
     leverage = np.bincount(posture, (rests**2).sum(axis=(1, 2)))
     pulls = sum_by_posture(np.einsum("nia,ni->na", rests, residual_rests), posture)
     pulls /= 1.0 - np.minimum(leverage, MOST_LEVERAGE)[:, None]
-    # What rests share (a certified target, drift) has the variance that is stated.
-    scatter = float((pulls**2).sum() + m - leverage.sum()) / m  # 1: as the noise says
+    # Errors that rests share (a certified target, drift) keep their stated variance.
+    scatter = float((pulls**2).sum() + m - leverage.sum()) / m  # 1: the variance of the noise
     lasting = projection.lasting
     if memory := lasting.memory(residual_rests):
         larger = compute_variance_of_sums(rests, lasting.sources, memory.tau_s, lasting.sequence)
         scatter *= max(memory.variance * larger, 1.0)
-    # How many rests speak, effectively
+    # The effective number of rests that decide.
     speaking = leverage.sum() ** 2 / max(float((leverage**2).sum()), LEAST_POSITIVE)
     axes = _axes(rests, projection)
     freedom = max((speaking - 1.0) * min(m, axes), 1.0)
     tail = float(fdtrc(m, freedom, float(score @ score) / (m * scatter)))
     log_p = float(np.log(max(tail, LEAST_P)))
-    if m > MOST_COUNTED:  # with noise as large as these rests scatter
+    if m > MOST_COUNTED:  # many columns: the evidence, with noise as large as the scatter, counts
         side = white.T @ residual / np.sqrt(max(scatter, 1.0))
         prior_sd, reach = np.array([(c.prior_sd, c.reach) for c in candidate.columns]).T
         evidence = compute_log_bayes_factors(
@@ -68,7 +68,7 @@ def compute_log_p_by_scatter(candidate: Candidate, projection: Projection) -> fl
 
 
 def _axes(rests: F64, projection: Projection) -> float:
-    """How many equations those of *rests* (n, 3, m) give that decide."""
+    """Return the mean number of equations that a rest gives, by the weights *rests* (n, 3, m)."""
     noise = projection.fit.noise
     if noise.normal is None:
         return float(AXES)
@@ -77,14 +77,17 @@ def _axes(rests: F64, projection: Projection) -> float:
 
 
 def sum_by_posture(values: F64, posture: I64) -> F64:
-    """(p, m) sums of values (n, m) over the copies of each posture."""
+    """Return sums (p, m) of values (n, m) over the copies of each posture."""
     sums: F64 = np.stack([np.bincount(posture, column) for column in values.T], axis=1)
     return sums
 
 
 def _cleared(candidate: Candidate, projection: Projection) -> tuple[F64, F64, F64, F64]:
-    """A candidate's whitened columns (N, m) of unit length, the same clear of what absorbs (the
-    findings' shapes included), the residual (N,) clear, and the lengths (m,) that they had."""
+    """Return a candidate's whitened unit columns (N, m), and again clear of what absorbs.
+
+    The findings' shapes are among what absorbs. The cleared residual (N,) and the columns' lengths
+    (m,) before scaling are returned, too.
+    """
     columns = make_finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
     white, cleared = projection.clear_of_all(np.hstack([columns, projection.fit.residual[:, None]]))
     size = np.sqrt((white[:, :-1] ** 2).sum(axis=0))

@@ -1,10 +1,10 @@
-"""What of the rest may be the findings' own shapes, not further causes.
+"""The findings' own shapes (form errors), so that these are not taken for further causes.
 
-No disc, bearing or stylus errs quite in the catalogue's form. A strong finding therefore leaves a
-structure of its own behind, a share of itself, which would be named as one cause after another.
-While the search looks further, each finding may vary with the joints at its place: its own
-signature times 1 + ε, ε a few harmonics of these joints. A second cause of the same place is named
-when it is too large for that; otherwise the shape itself is what is found, as `unknown`.
+No disc, bearing or stylus errs exactly in the catalogue's form. A strong finding therefore leaves a
+structure, a share of itself, that would be named as one cause after another. While the search goes
+on, each finding may vary with the joints at its place: its own signature times 1 + ε, with ε a few
+harmonics of these joints. A second cause at the same place is named if it is too large for that.
+Otherwise the shape itself is the finding, as `unknown`.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ from armd.compensation.effects.location import TIP, Location, make_shape_locatio
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.pose_factors import Harmonic
 
-#: A length or a zero that is another is one number, whatever the angle: it has no shape.
+#: A shifted length or zero is one number at every angle: it has no shape.
 ONE_NUMBER = frozenset({"geometry_shift"})
 
 
 def is_shape(candidate: Candidate) -> bool:
-    """Whether a candidate is another one's shape."""
+    """Whether a candidate is the shape of another one."""
     return candidate.location.kind == "shape"
 
 
 def locate_shape(candidate: Candidate) -> Location:
-    """The location of a candidate's shape."""
+    """Return the location of a candidate's shape."""
     return make_shape_location(candidate.cause, candidate.location)
 
 
 @dataclass(frozen=True)
 class Shapes:
-    """The findings' shapes, which absorb too while the search looks further."""
+    """The findings' shapes, which also absorb while the search goes on."""
 
     matrix: F64  # (N, b) their columns
     variance: F64  # (b,)
     candidates: tuple[Candidate | None, ...]  # per finding, its shape where it may be off
-    columns: tuple[range, ...]  # of each finding's shape, counted on from the fit's nuisance ones
+    columns: tuple[range, ...]  # of each finding's shape, numbered after the fit's nuisance columns
 
     def without(self, current: Fit, index: int) -> list[int]:
-        """The nuisance columns of a finding and its shape, be that a finding itself."""
+        """Return the nuisance columns of a finding and its shape, even if that is a finding."""
         shaped = current.findings[index]
         return [
             *self.columns[index],
@@ -64,7 +64,7 @@ class Shapes:
 
 
 def make_shapes(current: Fit, arm: Arm) -> Shapes:
-    """The shapes of all findings that have none in the model yet."""
+    """Make the shapes of all findings that have none in the model yet."""
     locations = {c.location for c in current.findings}
     candidates = tuple(
         None if locate_shape(c) in locations else make_shape(c, values, arm.n_joints)
@@ -89,9 +89,11 @@ def make_shapes(current: Fit, arm: Arm) -> Shapes:
 
 
 def make_shape(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:
-    """A finding's own signature times harmonics of the joints at its place."""
+    """Make a finding's own signature times harmonics of the joints at its place; None if it has
+    none.
+    """
     joints = _joints(candidate, n_joints)
-    if not joints or is_sized(candidate) or may_be_uneven(candidate):  # has any shape
+    if not joints or is_sized(candidate) or may_be_uneven(candidate):  # or can take any shape
         return None
     terms = [
         term
@@ -119,7 +121,7 @@ def make_shape(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidat
 
 
 def _joints(candidate: Candidate, n_joints: int) -> list[int]:
-    """Joints (1…N) at a finding's place; for the tip those of the wrist that turn it."""
+    """Return the joints (1…N) at a finding's place; for the tip those of the wrist that turn it."""
     if is_shape(candidate) or candidate.cause in ONE_NUMBER:
         return []
     if candidate.location == TIP:
@@ -131,6 +133,6 @@ def _joints(candidate: Candidate, n_joints: int) -> list[int]:
 
 
 def select_with_causes(findings: Sequence[Candidate]) -> list[Candidate]:
-    """No shape without the finding whose shape it is."""
+    """Drop shapes without the finding whose shape they are."""
     named = {locate_shape(c) for c in findings}
     return [c for c in findings if not is_shape(c) or c.location in named]

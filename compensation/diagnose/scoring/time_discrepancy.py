@@ -1,14 +1,14 @@
-"""What of the rest may be what a finding leaves that goes with time, not further causes.
+"""The time discrepancy of findings, so that it is not taken for further causes.
 
-Nothing creeps quite along one of the courses, and what wanders does so between the knots, too. What
-the course leaves of it looks like a staircase: a few steps at instants follow any path. While the
-search looks further, each drift may therefore also walk at random from its course, along the same
-parameters, as far as it went in all (a walk) or a share of that (a smooth course).
+No creep follows one of the courses exactly, and a random walk also moves between its knots. The
+difference looks like a staircase: a few steps at instants follow any path. So while the search goes
+on, each drift may also walk at random from its course, along the same parameters: as far as it went
+in all (a walk), or by a share of that (a smooth course).
 
-A link that follows its sensor late had come to something before a session began, and nobody
-measured to what: the model begins settled, as the daemon does. What that leaves fades in each
-session from its start on, and looks like a drift of the link. Nor are all its lengths late alike:
-what the model has of one may be another link's too (a length along parallel axes), which is not.
+A link that follows its sensor late had some state before a session began, which nobody measured.
+The model begins settled, as the daemon does. The resulting error fades in each session from its
+start and looks like a drift of the link. Nor are all its lengths equally late: a length of the
+model may also be another link's (a length along parallel axes), which is not late.
 """
 
 from __future__ import annotations
@@ -46,7 +46,11 @@ from armd.compensation.model.terms import Factor, Term
 def make_uneven_columns(
     linear: Linear, noise: RestNoise, finding: Candidate, amplitudes: F64, arm: Arm
 ) -> F64:
-    """Columns (N, m) in mm, for amplitudes of unit variance; none for what is neither."""
+    """Make the columns (N, m) in mm of a finding's time discrepancy, for amplitudes of unit
+    variance.
+
+    A finding that is neither a drift nor a lag has none. Columns that show too little are dropped.
+    """
     if not may_be_uneven(finding):
         return np.zeros((len(linear.residual), 0))
     make_columns = _unsettled if is_unsettled_at_start(finding) else _strayed
@@ -56,7 +60,7 @@ def make_uneven_columns(
 
 
 def may_be_uneven(finding: Candidate) -> bool:
-    """Whether it is a drift, or a lag."""
+    """Whether a finding is a lag, or a drift in time alone."""
     return is_unsettled_at_start(finding) or (is_drift(finding) and _of_time_alone(finding))
 
 
@@ -66,7 +70,7 @@ def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> lis
     columns = []
     for group in _together(drift):
         sizes = [share * compute_swing(drift, amplitudes, name) for name in group]
-        # Those of one kind (a base's shifts) went their ways by chance: each may stray as far.
+        # Parameters of one kind (a base's shifts) differ by chance: each may stray as far.
         common_size = float(np.sqrt(np.mean(np.square(sizes))))
         for name in group:
             index = arm.layout.index(name)
@@ -75,22 +79,22 @@ def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> lis
 
 
 def is_unsettled_at_start(finding: Candidate) -> bool:
-    """Whether what it had come to before a session began, which nobody measured, matters in it."""
+    """Whether a finding depends on its state before a session began, which nobody measured."""
     return finding.cause == "thermal_lag"
 
 
 def may_have_begun_anyhow(finding: Candidate) -> bool:
-    """Whether it is weighed with the beginnings of its sessions open: a lag of lengths.
+    """Whether a finding is weighed with the starts of its sessions open: a lag of lengths.
 
-    What turns goes by a difference of two links; with its beginnings open, a lag of the one does
-    what a lag of the other does.
+    A lag of angles goes by a difference of two links. With its starts open, a lag of one link would
+    act like a lag of the other.
     """
     terms = (term for column in finding.columns for term in column.terms)
     return is_unsettled_at_start(finding) and not any(_turns(term.parameter) for term in terms)
 
 
 def make_unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> Candidate:
-    """What fades in each session, as a candidate of its own: amplitudes of unit variance."""
+    """Make a candidate of what fades in each session, with amplitudes of unit variance."""
     observations = linear.rests.observations
     largest_mm = [(name, mm) for name, (_, mm) in _behind(linear, lag, amplitudes, arm).items()]
     numbers = np.unique(observations.session)
@@ -114,7 +118,9 @@ def make_unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) ->
 def _fading(
     start_s: float, end_s: float, after_s: float | None, time_constant_s: float
 ) -> list[tuple[float, Factor]]:
-    """1 where a session starts, fading from then on; gone where the next one starts."""
+    """Return factors that sum to 1 at a session's start, fade from then on, and end at the next
+    start.
+    """
     settles = Relaxation(since_unix_s=start_s, until_unix_s=end_s, time_constant_s=time_constant_s)
     pieces: list[tuple[float, Factor]] = [(1.0, After(instant_unix_s=start_s)), (-1.0, settles)]
     if after_s is not None:
@@ -124,13 +130,16 @@ def _fading(
 
 
 def _unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> list[F64]:
-    """Of each session, what fades from its start on, as large at first as the link is ever late;
-    and of each length, a lateness of its own."""
+    """Return columns that fade in each session from its start on, and columns of single lengths.
+
+    A fading column is at first as large as the link is ever late. With several lengths, each also
+    has a lateness of its own.
+    """
     observations = linear.rests.observations
     states = observations.states
     behind = _behind(linear, lag, amplitudes, arm)
     columns = []
-    if len(behind) > 1:  # of one alone that is the lag itself
+    if len(behind) > 1:  # for a single length this is the lag itself
         columns += [
             OF_A_LENGTH * linear.signature(arm.layout.index(name), course)
             for name, (course, _) in behind.items()
@@ -151,9 +160,9 @@ def _unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> lis
 def _behind(
     linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm
 ) -> dict[str, tuple[F64, float]]:
-    """By length: how it is behind, (N,) in mm; and by how much when it is furthest."""
+    """Return for each length its course of lateness (n,) in mm, and the largest one with sign."""
     model = linear.model
-    terms = lag.columns[0].terms  # of each length one late, and the same taken back
+    terms = lag.columns[0].terms  # for each length a late term, and the prompt one subtracted
     states = linear.rests.observations.states
     values = compute_basis_values(terms, states, arm, model.reference_c, model.constants)
     behind = {}
@@ -178,7 +187,7 @@ def _of_time_alone(drift: Candidate) -> bool:
 
 
 def _together(drift: Candidate) -> list[list[str]]:
-    """The parameters that it moves, those that share a unit together."""
+    """Group the parameters that a drift moves by their unit."""
     named = dict.fromkeys(term.parameter for column in drift.columns for term in column.terms)
     turns = [name for name in named if _turns(name)]
     return [group for group in (turns, [n for n in named if n not in turns]) if group]
@@ -189,7 +198,9 @@ def _turns(parameter: str) -> bool:
 
 
 def _principal(time_s: F64) -> F64:
-    """(n, m) principal functions of a random walk over the time seen, its end of unit variance."""
+    """Return principal functions (n, m) of a random walk over the time seen, its end of unit
+    variance.
+    """
     times = np.unique(time_s)
     if len(times) > WALK_MOMENTS:
         times = times[np.linspace(0, len(times) - 1, WALK_MOMENTS).round().astype(int)]
@@ -202,7 +213,7 @@ def _principal(time_s: F64) -> F64:
 
 
 def make_slower(candidate: Candidate) -> list[Candidate]:
-    """The same with longer time constants, of what may have begun anyhow."""
+    """Return the candidate with longer time constants if its sessions may begin in any state."""
     if not may_have_begun_anyhow(candidate) or candidate.elsewhere is None:
         return []
     return [candidate.elsewhere(times * candidate.setting[0][1]) for times in SLOWER_LAGS]

@@ -1,1 +1,1 @@
-"""The search for what the readings prefer, one cause after another."""
+"""The search for the causes that the readings prefer, one after another."""

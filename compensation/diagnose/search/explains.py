@@ -1,10 +1,11 @@
-"""Whether a cause explains what it is named for: the share it accounts for, and predictive checks.
+"""A check whether a cause explains what it is named for: its share, and predictive checks.
 
-A cause is likelier than its rivals though it explains little, where what is wrong is in no
-catalogue: the nearest name wins. What is left then still goes with the cause's own variables. Two
-questions tell: is its amplitude the same in every session, placement, part of the time and part of
-its variables' ranges; and how much do functions without a name explain in these variables beside
-it? The share is what the cause accounts for, of that and of what either question leaves.
+An arm may err in a way that is in no catalogue. The search then accepts the nearest named
+cause, although it explains little, and the residual still varies with that cause's own variables.
+Two questions decide. Is the cause's amplitude equal in every session, placement, part of the time
+and part of its variables' ranges? How much do functions without a name explain in these variables
+in addition to the cause? The share is explained / (explained + unexplained), where unexplained is
+the larger answer of the two.
 """
 
 from __future__ import annotations
@@ -26,9 +27,10 @@ from armd.compensation.effects.effect import Candidate
 
 
 def explain(last: Fit, statistics: Sequence[float], scores: Scores, tests: int) -> list[Explained]:
-    """Of each of a fit's findings; *statistics*: what each explains (χ²) given the others.
+    """Return the share, variables and checks of each finding of a fit.
 
-    *scores* are of all candidates, the findings in the model.
+    *statistics*: what each finding explains (χ²), given the others. *scores* are those of all
+    candidates, with the findings in the model.
     """
     every = [_checks(last, i) for i in range(len(last.findings))]
     count = max(sum(len(checks) for checks in every), 1)
@@ -50,8 +52,12 @@ def _explained_beside(
     scores: Scores,
     tests: int,
 ) -> tuple[float, tuple[str, ...]]:
-    """What functions without a name explain (χ²) in a cause's variables beside it, be they found
-    or left out, and what the same name takes in other variables; and all these variables."""
+    """Return what unnamed functions explain (χ²) in a cause's variables in addition to it.
+
+    The sum counts such functions whether they are findings or only candidates. It also counts
+    findings with the cause's name and place in other variables. All variables concerned are
+    returned with it.
+    """
     variables = set(candidate.depends_on)
     names = dict.fromkeys(candidate.depends_on)
     if candidate.cause == "unknown" or not variables:
@@ -77,10 +83,11 @@ def _explained_beside(
 
 
 def _is_of_the_rest(candidate: Candidate, finding: Candidate) -> bool:
-    """Whether a finding accounts for what a cause of its variables would, were that its name.
+    """Whether a finding explains something that the cause would explain if its name were right.
 
-    So does a form that it has not in the catalogue, and so do more causes of its name and place in
-    some of its variables: what errs with two angles in no form that has a name looks like several.
+    This holds of a form error, and of several causes with one name and place in some of the
+    variables: an error that depends on two angles in a form without a name looks like several
+    causes.
     """
     variables, finding_variables = set(candidate.depends_on), set(finding.depends_on)
     if is_shape(finding):
@@ -95,14 +102,16 @@ def _is_of_the_rest(candidate: Candidate, finding: Candidate) -> bool:
 
 
 def _moves_the_same(candidate: Candidate, unknown: Candidate) -> bool:
-    """False of what went before a reading and moves another joint or link than a cause does: the
-    way to a reading has its joint's angle and the time in it, and says nothing of all else that
-    has them too."""
+    """Whether an *unknown* structure moves the same joint as a cause; True unless it looks back.
+
+    What happened before a reading contains the joint's angle and the time. It is no evidence
+    against causes elsewhere that depend on these variables, too.
+    """
     return not unknown.looks_back or unknown.location.joint == candidate.location.joint
 
 
 def list_variables(unknown: Candidate) -> set[str]:
-    """What an unknown structure depends on, the angle of the joint that it moves included."""
+    """Return the variables of an unknown structure, with the angle of the joint that it moves."""
     location = unknown.location
     return {*unknown.depends_on, *([f"q{location.joint}"] if location.kind == "parameter" else [])}
 
@@ -140,7 +149,7 @@ def _checks(last: Fit, index: int) -> tuple[PartCheck, ...]:
 
 
 def _partitions(last: Fit, candidate: Candidate) -> Iterator[tuple[str, I64, list[str]]]:
-    """Ways to part the rests: by what, the part of each (n,), and the parts' names."""
+    """Yield ways to split the rests: the variable, the part of each rest (n,), the parts' names."""
     rests = last.linear.rests
     observations = rests.observations
     sessions = list(observations.session_names)

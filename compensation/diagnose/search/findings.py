@@ -1,4 +1,4 @@
-"""What is said of each finding: how significant, how probable, and what else it may be."""
+"""The report of each finding: its significance, its probability, and its alternatives."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from armd.compensation.effects.unknown import remove_name
 
 
 def judge(scored: ScoredCandidates, findings: Sequence[Finding], tests: int) -> tuple[Finding, ...]:
-    """Every finding, given all the others, as it is reported."""
+    """Return every finding as it is reported, given all the others."""
     explained = explain(scored.fit, [f.statistic for f in findings], scored.scores, tests)
     judged = [
         replace(f, explained=explanation, probability=_limit_probability(f, explanation))
@@ -41,13 +41,13 @@ def judge(scored: ScoredCandidates, findings: Sequence[Finding], tests: int) -> 
 
 
 def _limit_probability(finding: Finding, explained: Explained) -> float:
-    """A name that accounts for little of what its variables show is no surer than that share."""
+    """Limit the probability of a name to its share of what its variables show."""
     named = finding.candidate.cause != "unknown"
     return finding.probability * (explained.share if named and explained.guess else 1.0)
 
 
 def weigh_findings(scored: ScoredCandidates, tests: int) -> list[Finding]:
-    """Every finding, given all the others, under the name that it has in the fit."""
+    """Weigh every finding, given all the others, under the name that it has in the fit."""
     return [_weigh_finding(scored, i, tests) for i in range(len(scored.fit.findings))]
 
 
@@ -73,9 +73,11 @@ def _weigh_finding(scored: ScoredCandidates, index: int, tests: int) -> Finding:
 def _add_gains_of_shapes(
     logs: dict[tuple[str, str], float], scored: ScoredCandidates, index: int, scores: Scores
 ) -> None:
-    """To the log posterior weights of the likeliest rivals, what they gain if they are not quite of
-    the catalogue's form: a finding is weighed with its own shape, and so are they. Else a disc that
-    is not quite a sine would surely be another's."""
+    """Add to the likeliest rivals' *logs* what they gain if their form may be off, too.
+
+    A finding is weighed with its own shape, and so must its rivals be. Otherwise a disc whose error
+    is not quite a sine would be taken with certainty for another joint's.
+    """
     finding = scored.fit.findings[index]
     if is_shape(finding):
         return
@@ -97,8 +99,11 @@ def _add_gains_of_shapes(
 def _weigh_steps_at_instant(
     scored: ScoredCandidates, index: int, scores: Scores
 ) -> dict[tuple[str, str], float]:
-    """Log posterior weights of places where something may step, at the refined instant of a finding
-    that does: by the grid's instants alone a rival would seem improbable for being early."""
+    """Return log posterior weights of places where a step is possible at a finding's instant.
+
+    The instant is the finding's refined one; without one the result is empty. On the grid's
+    instants alone a rival would seem improbable only because it is early.
+    """
     candidate = scored.fit.findings[index]
     instant_unix_s = candidate.instant_unix_s
     if instant_unix_s is None:
@@ -130,7 +135,7 @@ def _is_grid_step(candidate: Candidate) -> bool:
 
 
 def find_nearest_step(instant_unix_s: float, steps: Sequence[Candidate]) -> Candidate:
-    """Of steps on the grid, the one nearest to an instant, refined to be nearer."""
+    """Return the step on the grid that is nearest to an instant, refined to be nearer."""
 
     def distance_s(step: Candidate) -> float:
         return abs(step.setting[0][1] - instant_unix_s)
@@ -162,12 +167,15 @@ def _list_rivals(
         or (likeness.left_p > INDISTINGUISHABLE_P and rival.cause != "unknown")
     ]
     named = [rival for rival in reported[MOST_RIVALS:] if rival.candidate.cause != "unknown"]
-    return (*reported[:MOST_RIVALS], *named[:1])  # functions without a name crowd out no cause
+    return (*reported[:MOST_RIVALS], *named[:1])  # unnamed functions must not hide every cause
 
 
 def _list_variants(candidate: Candidate, scores: Scores) -> tuple[tuple[Candidate, float], ...]:
-    """The most probable others one by one, of the finding's own place too: another order of a
-    temperature may pass for a rival where this one does not. Of a grid, the best."""
+    """Return the most probable other candidates one by one, with their probabilities.
+
+    They include those at the finding's own place: a rival may look like another order of
+    temperature, but not like this one. Of a grid only the best value is listed.
+    """
     posterior = scores.log_posterior()
     variants: dict[tuple[object, ...], tuple[Candidate, float]] = {}
     for i in np.argsort(-posterior):
@@ -186,7 +194,7 @@ def _list_variants(candidate: Candidate, scores: Scores) -> tuple[tuple[Candidat
 def _move_to_instant(
     candidate: Candidate, of_place: Sequence[bool], best: Candidate, scores: Scores
 ) -> Candidate:
-    """A rival step is compared at the finding's own, refined instant."""
+    """Move a rival step to the finding's own, refined instant; other rivals stay as they are."""
     instant_unix_s = candidate.instant_unix_s
     if instant_unix_s is None or not _is_grid_step(best):
         return best
@@ -201,7 +209,7 @@ def _move_to_instant(
 
 
 def find_likelier_rival(finding: Finding) -> Candidate | None:
-    """The most probable alternative, where it is likelier than what is told."""
+    """Return the most probable alternative if it is likelier than the finding, else None."""
     best = max(finding.rivals, key=lambda rival: rival.probability, default=None)
     if best is None or is_shape(finding.candidate):
         return None
@@ -209,10 +217,11 @@ def find_likelier_rival(finding: Finding) -> Candidate | None:
 
 
 def _withdraw_names(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """Return no name that is less likely than another.
+    """Replace each name that is less likely than another by a structure without a name.
 
-    What has no name, and is less likely than causes that the search has refused for their size or
-    for readings held out, is as sure as all of these together: that something is there is certain.
+    A finding without a name may be less likely than causes that the search refused, for their size
+    or for held-out readings. Its probability is then that of all these together: that something is
+    there is certain.
     """
 
     def rename(finding: Finding) -> Finding:
@@ -227,9 +236,11 @@ def _withdraw_names(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 def _withdraw_name(
     finding: Finding, rivals: Sequence[Rival], variables: tuple[str, ...]
 ) -> Finding:
-    """What is told instead of a name: a structure in the variables of the cause and of *rivals*,
-    any of which it may be; so probable is it that it is one of them. The name becomes one of the
-    alternatives."""
+    """Replace a finding's name by a structure in the variables of the cause and of *rivals*.
+
+    The cause may be any of these, and the probability is that of all of them together. The name
+    becomes one of the alternatives.
+    """
     names = dict.fromkeys([*variables, *(v for r in rivals for v in r.candidate.depends_on)])
     candidate = replace(finding.candidate, cause="unknown", depends_on=tuple(names))
     together = finding.probability + sum(rival.probability for rival in rivals)
@@ -246,8 +257,10 @@ def _withdraw_name(
 
 
 def as_reported(fit: Fit, reported: Sequence[Finding]) -> Fit:
-    """The fit with what is told without a name nameless: no parameter of it, and no term of an
-    extended calibration, is called by a cause's name."""
+    """Return the fit without the names of the findings that are reported without one.
+
+    Otherwise a parameter, or a term of an extended calibration, would still have a cause's name.
+    """
     named = tuple(
         remove_name(candidate, finding.candidate)
         if finding.candidate.cause == "unknown"

@@ -1,10 +1,11 @@
-"""Which growth of links, that a calibration could not know, the readings distinguish from zero.
+"""The expansion of links that a calibration could not know and that the readings show.
 
-While the search looks for causes, what the calibration could not know absorbs: what all links grow
-together looks like one cause or two that nobody has. Once all else is found, the growth is asked
-for by itself, link by link: none, one coefficient for the whole link, or one for each of its
-pieces. Each link is as likely to grow as not. Links change one at a time, from none and from all,
-until no change is likelier; what is not significant beside the others is given up.
+While the search looks for causes, the expansion that the calibration could not know absorbs:
+otherwise a common expansion of all links looks like one or two causes that are not there. When all
+else is found, expansion is tested by itself, link by link: none, one coefficient for the whole
+link, or one for each of its pieces. Each link is as likely to expand as not. The choice starts from
+none and from all, and changes one link at a time until no change is likelier. Links that are not
+significant given the others are dropped.
 """
 
 from __future__ import annotations
@@ -33,9 +34,12 @@ from armd.compensation.model.arm import Arm
 def fit_with_growth(
     current: Fit, candidates: Iterable[Candidate], arm: Arm, tests: int
 ) -> tuple[Fit, Fit] | None:
-    """The fit with the growth that its readings show as findings before its own; None where they
-    show none. First with nothing else growing, by which it is weighed; then with what the
-    calibration could not know of the other lengths, by which its sizes and all else are known."""
+    """Fit the expansion that the readings show as findings in front of a fit's own.
+
+    Two fits are returned, or None where the readings show no expansion. In the first no other
+    length expands: it gives the findings' significance and probability. In the second the other
+    lengths expand by what the calibration could not know: it gives the sizes and all else.
+    """
     links = _ways_to_grow(candidates) if current.baseline.growth else []
     if not links:
         return None
@@ -55,10 +59,10 @@ def fit_with_growth(
 
 
 def _or_newer(weighed: Fit, grown: int, arm: Arm, tests: int) -> Fit:
-    """The fit with its first findings, which have *grown*, as growth that began after the
-    calibration, from the reference temperature on, if that makes others of its findings needless.
+    """Replace the first *grown* findings by expansion since the calibration, if this saves others.
 
-    How long a link was at the calibration's temperature is else taken for a constant that shifted.
+    Such expansion starts at the reference temperature. Without it, the length of a link at the
+    calibration's temperature would be taken for a shifted constant. The noise must be no larger.
     """
     newer = [start_at_calibration(c) for c in weighed.findings[:grown]]
     findings, start = [*newer, *weighed.findings[grown:]], list(weighed.amplitudes)
@@ -79,7 +83,7 @@ def _or_newer(weighed: Fit, grown: int, arm: Arm, tests: int) -> Fit:
 
 
 def _ways_to_grow(candidates: Iterable[Candidate]) -> list[list[Candidate]]:
-    """Of each link, the candidates by which it may grow beyond what the calibration absorbed."""
+    """Return for each link the candidates for expansion beyond what the calibration absorbed."""
     by_link: dict[str, list[Candidate]] = {}
     for candidate in candidates:
         if candidate.expected and OLDER in candidate.columns[0].name:
@@ -95,7 +99,7 @@ def _fitted(
 
 
 class _Growth:
-    """The links' ways to grow against what a fit leaves, clear of all that absorbs."""
+    """The links' possible expansions, scored on a fit's residual, projected on what absorbs."""
 
     def __init__(self, about: Fit, links: Sequence[Sequence[Candidate]], arm: Arm) -> None:
         self.links = [list(options) for options in links]
@@ -114,7 +118,7 @@ class _Growth:
         ]
 
     def log_weight(self, chosen: Sequence[int | None]) -> float:
-        """Log evidence and prior of a way to grow (or none) for each link."""
+        """Return log (evidence × prior) of one candidate (or none) for each link."""
         prior = sum(
             np.log((1.0 - EXPECTED_PRIOR) if option is None else EXPECTED_PRIOR / len(options))
             for option, options in zip(chosen, self.links, strict=True)
@@ -131,7 +135,9 @@ class _Growth:
         return float(prior + evidence[0])
 
     def likeliest(self, start: Sequence[int | None]) -> list[int | None]:
-        """The ways to grow from *start* on, one link changed at a time while that is likelier."""
+        """Return the best candidates from *start* on, changing one link at a time while that is
+        likelier.
+        """
         chosen, weight = list(start), self.log_weight(start)
         for _ in range(MOST_GROWTH_ROUNDS):
             before = list(chosen)
@@ -145,7 +151,7 @@ class _Growth:
         return chosen
 
     def log_p(self, link: int, chosen: Sequence[int | None]) -> float:
-        """Log p value of a link's growth beside the others chosen."""
+        """Return the log p value of a link's expansion, given the others chosen."""
         other_columns = self._columns_of([*chosen[:link], None, *chosen[link + 1 :]])
         columns = self._columns_of(
             [None if i != link else option for i, option in enumerate(chosen)]
@@ -168,7 +174,7 @@ class _Growth:
 
 
 def _grown(about: Fit, links: Sequence[Sequence[Candidate]], arm: Arm) -> list[Candidate]:
-    """The growth that is likeliest, each of it significant beside the rest."""
+    """Return the likeliest expansion, each link's significant given the others."""
     growth = _Growth(about, links, arm)
     starts: list[list[int | None]] = [[None] * len(links), [0] * len(links)]
     chosen = max(map(growth.likeliest, starts), key=growth.log_weight)

@@ -1,9 +1,9 @@
-"""An artefact that was moved while it was measured: found before anything else, and mended.
+"""An artefact that was moved while it was measured: detected and corrected before the search.
 
-A placement is one rigid pose only if nobody touches the artefact. Where a step of one placement
-stands out of the scatter of its readings, and explains them better than a slip or a step of the
-base at that instant, the placement is parted in two there: no reading is lost, and nothing is left
-for the search to take for the arm's.
+A placement is one rigid pose only if nobody touches the artefact. The placement is split in two at
+a step that stands out of the scatter of its readings. The step must explain them better than a slip
+or a step of the base at that instant. No reading is lost, and no residual remains that the search
+would attribute to the arm.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from armd.compensation.estimate.noise.robust import compute_huber_loss, compute_
 
 
 def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
-    """The clearest step of one placement, if no step of something else explains more."""
+    """Return the clearest step of one placement, or None if another step explains more."""
     projection = scored.projection
     rests = projection.fit.linear.rests
     placements = rests.in_order.items()
@@ -58,7 +58,7 @@ def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
         return None
     candidate = _refined(coarse[best], projection)
     about = _clipped_about(candidate, projection)
-    # Where one session scatters more than the others (a floor that shakes), so do its steps.
+    # A session that scatters more than the others (a floor that shakes) has larger steps by chance.
     if not is_significant(compute_log_p_by_scatter(candidate, about), tests):
         return None
     rivals = _at_the_instant(candidate, scored, rests)
@@ -91,14 +91,15 @@ def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
 
 
 def _clipped_about(candidate: Candidate, projection: Projection) -> Projection:
-    """The projection of the residual clipped about the fit with the candidate in the model."""
+    """Clip the projection's residual about the fit with the candidate in the model."""
     return make_projection(clip_about(candidate, projection).fit, projection.arm)
 
 
 def _possible(rests: Rests, in_time: I64) -> I64:
-    """After how many of the rests *in_time* (in order) a step can be told from the arm's.
+    """Return after how many of the rests *in_time* (in order) a step can be separated from the
+    arm's.
 
-    Without times a slip at that instant is no candidate, and so nothing can be told.
+    Without times the result is empty: a slip at that instant is then no candidate to compare with.
     """
     if not np.isfinite(rests.observations.states.time_s[in_time]).all():
         return np.zeros(0, dtype=np.int64)
@@ -111,20 +112,23 @@ def _possible(rests: Rests, in_time: I64) -> I64:
     last[len(in_time) - 1 - np.unique(target[::-1], return_index=True)[1]] = 1
     after = np.arange(LEAST_RESTS_BESIDE, len(in_time) - LEAST_RESTS_BESIDE + 1)
     before = np.cumsum(begins)[after - 1]  # targets among the rests so far
-    still = np.cumsum(last[::-1])[::-1][after]  # and to come
+    still = np.cumsum(last[::-1])[::-1][after]  # targets among the rests to come
     possible: I64 = points[after[(before >= LEAST_TARGETS) & (still >= LEAST_TARGETS)]]
     return possible
 
 
 def _grid(possible: I64) -> list[int]:
-    """Some of them, evenly."""
+    """Return some of the numbers *possible*, evenly spread."""
     picked = np.linspace(0, len(possible) - 1, min(TOUCHED_GRID, len(possible))).round().astype(int)
     return [int(k) for k in possible[np.unique(picked)]]
 
 
 def _refined(candidate: Candidate, projection: Projection) -> Candidate:
-    """The same placement's step at the instant that leaves the least (Huber's loss), its pose
-    fitted before and after by what was measured: about another instant the right one is a tail."""
+    """Return the step of that placement at the instant with the least Huber loss.
+
+    The pose is fitted separately to the readings before and after, as measured. With the residual
+    clipped about another instant, the true step would look like an outlier.
+    """
     number = _change(candidate).index
     in_time, pose, residual = _as_measured(candidate, projection)
 
@@ -134,7 +138,7 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
         return sum(compute_huber_loss(_distance(*part)) for part in parts)
 
     possible = _possible(projection.fit.linear.rests, in_time)
-    while True:  # a placement of thousands of rests is searched more and more finely
+    while True:  # a placement of thousands of rests is searched in finer and finer steps
         step = max(len(possible) // TOUCHED_FINER, 1)
         best = min(possible[::step].tolist(), key=loss)
         if step == 1:
@@ -143,11 +147,11 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
 
 
 def _as_measured(candidate: Candidate, projection: Projection) -> tuple[I64, F64, F64]:
-    """Of the placement that a candidate moved: its rests in order, the whitened columns of its pose
-    (3 k, 6), and what is left of its readings (3 k,), whitened, beside what was found.
+    """Return the moved placement's rests, its pose columns and its residual without findings.
 
-    That is as large as it is beside the step: without, a cause that may differ from session to
-    session has taken a part of it.
+    The rests are in order (k,); the pose columns (3 k, 6) and the residual (3 k,) are whitened. The
+    findings are fitted together with the step: otherwise a cause that may differ from session to
+    session would have absorbed a part of it.
     """
     number = _change(candidate).index
     fit = projection.fit
@@ -159,7 +163,7 @@ def _as_measured(candidate: Candidate, projection: Projection) -> tuple[I64, F64
     whitener = fit.noise.whitener[in_time]
     pose = make_finding_columns(fit.linear, [make_candidate(number, 0)], projection.arm)[0][rows]
     pose = (whitener @ pose.reshape(-1, 3, 6)).reshape(-1, 6)
-    # As measured: of what the fit explains, a wandering base has taken a part of the step.
+    # Only the findings are subtracted: in the fit a drifting base has absorbed a part of the step.
     columns_of_findings = [
         j for span in fit.layout.findings[:-1] for j in range(span.start, span.stop)
     ]
@@ -170,7 +174,7 @@ def _as_measured(candidate: Candidate, projection: Projection) -> tuple[I64, F64
 
 
 def _distance(columns: F64, residual: F64) -> F64:
-    """(k,) how far whitened rests (3 k,) are from the pose that fits them, gross errors aside."""
+    """Return distances (k,) of whitened rests (3 k,) from their own robust pose (Huber)."""
     weight = np.ones(len(residual))
     size = np.zeros(0)
     for _ in range(REWEIGHTINGS):
@@ -194,7 +198,7 @@ def _steps(candidate: Candidate) -> bool:
 def _at_the_instant(
     candidate: Candidate, scored: ScoredCandidates, rests: Rests
 ) -> list[Candidate]:
-    """What else may have stepped then: each place's step nearest to that instant."""
+    """Return the step nearest to that instant of each place that may have stepped then."""
     change = _change(candidate)
     time_s = rests.observations.states.time_s[rests.in_order[change.index]]
     instant = float(time_s[change.after - 1 : change.after + 1].mean())
@@ -213,11 +217,14 @@ def _as_large_as_it_steps(step: Candidate) -> Candidate:
 def _parted(
     rests: Rests, placement: int, after: int
 ) -> tuple[tuple[Session, ...], str, int, float]:
-    """The sessions with the placement parted; the session, the first row afterwards (from 1), and
-    the instant."""
+    """Split a placement: return the sessions, its session's name, the first row afterwards, the
+    instant.
+
+    The row counts from 1.
+    """
     observations = rests.observations
     order = rests.in_order[placement]
-    later = np.zeros(rests.n + 1, dtype=bool)  # the last for readings that are in no rest
+    later = np.zeros(rests.n + 1, dtype=bool)  # the last entry: readings that are in no rest
     later[order[after:]] = True
     number = int(observations.session[order[0]])
     begin = sum(session.n for session in rests.sessions[:number])

@@ -1,4 +1,4 @@
-"""What the search refused."""
+"""The candidates that the search refused."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from armd.compensation.effects.effect import Candidate
 
 
 class Refusals:
-    """The catalogue without what was refused."""
+    """The catalogue without the candidates that were refused."""
 
     def __init__(self, catalogue: Sequence[Candidate]) -> None:
-        self.candidates = list(catalogue)  # the same list as long as they are the same
+        self.candidates = list(catalogue)  # stays the same object until a candidate is removed
         self.refused: list[RefusedCandidate] = []
 
     @property
     def places(self) -> set[tuple[str, str]]:
-        """Where nothing is looked for."""
+        """The places at which nothing is searched."""
         return {refusal.candidate.place for refusal in self.refused}
 
     def add(self, candidate: Candidate, reason: str) -> None:
-        """Look for it no more."""
+        """Refuse a candidate with its *reason*, and remove all candidates of its place."""
         self.refused.append(RefusedCandidate(candidate, reason))
         remaining = [c for c in self.candidates if c.place != candidate.place]
         if len(remaining) < len(self.candidates):

@@ -1,4 +1,4 @@
-"""Two searches of the same readings beside each other: which leaves less, and which is likelier."""
+"""A comparison of two searches of the same readings: their noise and their probability."""
 
 from __future__ import annotations
 
@@ -17,26 +17,31 @@ from armd.compensation.model.arm import Arm
 
 
 def may_replace(repeated: SearchResult, before: SearchResult, arm: Arm) -> bool:
-    """Whether what the *repeated* search found, the calibration being wrong by what it may have
-    taken up, counts instead of what was found *before*."""
+    """Whether the findings of the *repeated* search replace those found *before*.
+
+    In the repeated search the calibration may also be wrong by what it may have absorbed.
+    """
     return has_fewer_findings(repeated, before) and not has_lost_cause(repeated, before, arm)
 
 
 def has_fewer_findings(repeated: SearchResult, before: SearchResult) -> bool:
-    """Whether the *repeated* search found less than was found *before*, and no more is left to the
-    noise. The older causes are there still, so that it is not nothing."""
+    """Whether the *repeated* search has fewer findings than *before*, with no clearly larger noise.
+
+    At least one finding is needed: the causes that are older than the calibration are still there.
+    """
     if has_clearly_lower_noise(before.last, repeated.last):
         return False
     return 0 < len(repeated.findings) < len(before.findings)
 
 
 def has_lost_cause(repeated: SearchResult, before: SearchResult, arm: Arm) -> bool:
-    """Whether a cause found *before*, and not in the *repeated* search, is significant all the
-    same. What has no name is none: what was taken up leaves such functions, too.
+    """Whether a named cause found *before*, but not in the *repeated* search, is still significant.
 
-    There the calibration counted as wrong by what it took up of all causes found before. Of a
-    cause that is not told it took up nothing: the calibration is asked here that is wrong only by
-    what it took up of those that *repeated* reports, which are in the model.
+    Findings without a name do not count: absorbed effects leave such functions, too.
+
+    In the repeated search the calibration may be wrong by what it absorbed of all causes found
+    before. Of a cause that is not reported it absorbed nothing. So the test allows only the
+    calibration error from the causes that *repeated* reports, which are in the model.
     """
     last = repeated.searched
     places = {candidate.place for candidate in last.findings}
@@ -54,13 +59,14 @@ def has_lost_cause(repeated: SearchResult, before: SearchResult, arm: Arm) -> bo
 
 
 def is_likely_beside(repeated: SearchResult, before: SearchResult, arm: Arm) -> bool:
-    """Whether what *repeated* found, without what readings held out refute, is hardly less likely
-    than what was found *before*, all of it together, about that fit's point and in its noise.
+    """Whether the findings of *repeated* are hardly less likely than those *before*, as whole sets.
 
-    Readings held out refute a true finding that does not go on, too: a twist of the day, which
-    stays as it is after the last reading. Of what a search may say instead, some set predicts
-    them a little better, however unlikely it is. Where placements were parted otherwise the sets
-    explain other readings, and are not compared.
+    *repeated* lacks what held-out readings refute. Both sets are weighed about the point and in the
+    noise of the fit *before*. Held-out readings also refute a true finding that does not continue,
+    such as a twist of one day that stays after the last reading. Among the sets that a search may
+    report instead, some set predicts held-out readings a little better, however improbable it is.
+    True is returned where placements were split differently: the sets then explain different
+    readings.
     """
     about, repeated_fit = before.searched, repeated.searched
     placements = [fitted.linear.rests.observations.placement for fitted in (about, repeated_fit)]
@@ -71,5 +77,5 @@ def is_likely_beside(repeated: SearchResult, before: SearchResult, arm: Arm) -> 
 
 
 def has_clearly_lower_noise(fitted: Fit, reference: Fit) -> bool:
-    """Whether *fitted* leaves clearly less to the noise than the *reference*."""
+    """Whether *fitted* leaves a clearly lower noise than the *reference*."""
     return AS_QUIET_AGAIN * fitted.noise.own_mm <= reference.noise.own_mm

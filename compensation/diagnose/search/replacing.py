@@ -1,4 +1,4 @@
-"""What a set of findings must show to take another's place: it was chosen by the same readings."""
+"""The held-out gain that lets one set of findings replace another chosen by the same readings."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from armd.compensation.effects.effect import Candidate
 def require_heldout(
     findings: Sequence[Candidate], instead_of: Sequence[Candidate], likelier: float
 ) -> float | None:
-    """By how many standard errors *findings*, so many nats *likelier*, must predict readings held
-    out better to be told *instead_of* others; None where nothing would be enough.
+    """Return the held-out gain, in standard errors, with which *findings* replace *instead_of*.
 
-    A set that says why something follows time may be less likely than what follows anything, as far
-    as evidence can hold against it.
+    *likelier*: by how many nats *findings* are likelier. None: no gain would be enough. A set that
+    explains why something follows time may be less likely, within what evidence can hold against
+    it, than one that follows anything.
     """
     if likelier >= math.log(CLEARLY):
         return -CONTRADICTED

@@ -1,13 +1,14 @@
-"""Whether another set of causes is likelier than the one that the search came to.
+"""A test whether another set of causes is likelier than the one that the search found.
 
-One cause after another joins, and an early choice was made while all others were still in the
-residual: an eccentricity may stand where a shift and a bending do, a walk in time where a slip does
-and a joint that turns with temperature. No single renaming leads from one to the other. So each
-finding is taken out in turn, its place barred, the others are added to as the search does, and what
-comes of it is compared as a whole: evidence of all amplitudes together, the causes' priors with it.
+The search adds one cause after another. An early choice was made while all others were still in the
+residual: an eccentricity may stand for a shift and a bending, a random walk in time for a slip and
+a joint that turns with temperature. No single renaming leads from one to the other. So each finding
+is taken out in turn and its place is excluded. Causes are then added to the others as in the
+search, and the resulting set is compared as a whole: by the evidence of all amplitudes together and
+by the causes' priors.
 
-No set with more amplitudes takes another's place: on a real arm, many small errors that no cause of
-the catalogue has make several names likelier than the one that is true.
+No set with more amplitudes replaces another: on a real arm, many small errors without a cause in
+the catalogue make several names likelier than the true one.
 """
 
 from __future__ import annotations
@@ -38,13 +39,13 @@ from armd.compensation.effects.by_session import can_follow_anything, is_by_sess
 from armd.compensation.effects.effect import Candidate, join_finding
 from armd.compensation.model.arm import Arm
 
-#: What joins the findings of a projection, of the candidates with these scores in so many tests.
+#: Chooses the candidate that joins a projection's findings, by scores and the number of tests.
 Choose = Callable[[Projection, Scores, int], Candidate | None]
-#: Log posterior of a set of findings, from the projection of none and the catalogue's scores;
-#: given, like `Choose`, and not imported: no chain of imports is longer than eight.
+#: Log posterior of a set of findings, from the projection without any and the catalogue's scores.
+#: It is an argument, like `Choose`, and not imported: no chain of imports may exceed eight.
 Weigh = Callable[[Sequence[Candidate], Projection, Scores], float]
 
-#: Whether a candidate is one of those asked about.
+#: Whether a candidate has the property in question.
 Which = Callable[[Candidate], bool]
 #: The candidates that act through what a fit has found.
 Through = Callable[[Fit], Sequence[Candidate]]
@@ -55,20 +56,21 @@ class RivalSet:
     """Another set of causes for the same residual."""
 
     findings: tuple[Candidate, ...]
-    likelier: float  # nats, than the set there is
+    likelier: float  # nats by which it is likelier than the findings
 
 
 def may_be_others(findings: Sequence[Candidate]) -> bool:
-    """Whether findings may stand where a set of others does.
+    """Whether a set of other causes may be behind the findings.
 
-    One alone was chosen beside nothing, and with few amplitudes looks like few others, which are
-    its rivals. A nearly free function, a walk above all, follows whatever several do together.
+    A single finding was chosen with nothing else in the model. If it has few amplitudes it
+    resembles few others, which are its rivals. A nearly free function, above all a random walk,
+    follows whatever several causes do together.
     """
     return len(findings) > 1 or any(map(is_sized, findings))
 
 
 class Revisit:
-    """One fit's findings against other sets, all about its point and in its noise."""
+    """A comparison of a fit's findings with other sets, all about its point and in its noise."""
 
     def __init__(
         self,
@@ -81,9 +83,12 @@ class Revisit:
         through: Through,
         work: WorkBudget | None = None,
     ) -> None:
-        """*parted*: the same survey; *choose*: by what rule the search adds one more, *weigh*: how
-        probable a set is, *through*: which candidates a set of findings has that others have not;
-        *work*: what is computed at most."""
+        """Prepare the comparison of the findings of *scored* with other sets.
+
+        *parted*: the same survey by parts. *choose*: the rule by which the search adds a candidate.
+        *weigh*: the log posterior of a set. *through*: the candidates that act through a set of
+        findings. *work*: the bound on what is computed.
+        """
         self._scored, self._arm, self._tests = scored, arm, tests
         self._choose, self._weigh, self._through = choose, weigh, through
         self._work = work or WorkBudget()
@@ -91,7 +96,7 @@ class Revisit:
         self._first = parted.without_findings(solve_again(self._fit, [], arm))
 
     def find_rival_sets(self) -> list[RivalSet]:
-        """Other sets of no more amplitudes, the likeliest first."""
+        """Return other sets with no more amplitudes, the likeliest first."""
         findings = self._fit.findings
         log_posterior, rival_sets = self._log_posterior(findings), {}
         for i, finding in enumerate(findings):
@@ -114,9 +119,13 @@ class Revisit:
         return sorted(rival_sets.values(), key=lambda rival_set: -rival_set.likelier)
 
     def _firsts(self, index: int, barred: Which) -> list[list[Candidate]]:
-        """What to begin with in the place of a finding: whatever the search would add; of what
-        follows anything, each of the likeliest kinds in turn, for two that it stands for are often
-        not the likeliest one and another. Nothing, where nothing explains a good part of it."""
+        """Return the candidates with which a set begins in the place of a finding.
+
+        An empty list stands for whatever the search would add. If the finding can follow anything,
+        each of the likeliest kinds also begins a set: the two causes that it stands for are often
+        not the likeliest one and another. The result is empty where no candidate explains a good
+        part of the finding.
+        """
         scores, finding = self._scored.without(index), self._fit.findings[index]
         candidates = scores.signatures.candidates
         statistic = float(self._scored.score_findings(index).statistic[index])
@@ -136,9 +145,11 @@ class Revisit:
         return [[], *list(kinds.values())[:MOST_FIRST]]
 
     def _filled(self, findings: list[Candidate], barred: Which) -> list[Candidate]:
-        """The findings with what else is wanted, none of those *barred*; significant ones.
+        """Add significant causes to the findings, none of those *barred*, and drop insignificant
+        ones.
 
-        Causes only: what has no name joins where no cause does, and takes the place of none.
+        Only named causes are added: a function without a name joins where no cause does, and
+        replaces none.
         """
         for _ in range(MOST_IN_PLACE):
             scored = self._survey(findings)
@@ -158,8 +169,11 @@ class Revisit:
         return findings
 
     def _barred_candidates(self, candidates: Sequence[Candidate], barred: Which) -> Mask:
-        """(C,) which do not join: what is barred or has no name, and what acts through the causes
-        of the set there is, which others have at other amplitudes or not at all."""
+        """Return which candidates (C,) may not join a set.
+
+        They are those *barred*, those without a name, and those that act through the present
+        findings: other sets have these at other amplitudes or not at all.
+        """
         n_first = len(self._first.sums.signatures.candidates)
         return np.array(
             [
@@ -172,7 +186,7 @@ class Revisit:
         return self._weigh(findings, self._first.projection, self._first.scores)
 
     def _survey(self, findings: Sequence[Candidate]) -> ScoredCandidates:
-        """The catalogue beside findings, with what acts through these."""
+        """Score the catalogue given findings, with the candidates that act through these."""
         projection = self._projection(findings)
         sums = projection.sums_with(self._first.sums)
         if acting := self._through(projection.fit):
@@ -186,9 +200,12 @@ class Revisit:
 
 
 def _barred(finding: Candidate) -> list[Which]:
-    """What may not come again where a finding is taken out: its place; or, of a nearly free
-    function (a curve, a walk), only others as free, so that plainer ones join beside others; of
-    one that explains several links at once, itself: one of them may be at its place."""
+    """Return which candidates may not come again when a finding is taken out, one rule per trial.
+
+    Usually its place is excluded. For a nearly free function (a curve, a random walk) a second
+    trial excludes only others that are as free: plainer ones can then join with others. A finding
+    that explains several links at once excludes only itself: one of the links may be at its place.
+    """
 
     def place(candidate: Candidate) -> bool:
         return candidate.place == finding.place

@@ -1,9 +1,9 @@
-"""How sure a finding is beside whole sets of causes that lack it.
+"""The probability of a finding, given whole sets of causes that lack it.
 
-A finding's rivals are weighed one by one, all other findings given: a bearing that wobbles is far
-likelier than a gear, if that is all there may be, and a gear and a sensor together explain as much.
-Which of two such sets predicts readings held out better is then a question of chance, and as
-probable is the finding.
+A finding's rivals are weighed one by one, given all other findings. A bearing that wobbles may be
+far likelier than a gear alone, although a gear and a sensor together explain as much. Which of the
+two sets predicts held-out readings better is then a question of chance, and limits the finding's
+probability.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
-#: By how many standard errors readings held out are predicted better, about a fit's point, with the
-#: findings named last than with those named first.
+#: Standard errors by which the second findings predict held-out readings better than the first,
+#: about a fit's point.
 HeldOutGain = Callable[[Fit, Sequence[Candidate], Sequence[Candidate]], float]
 
 
@@ -31,9 +31,10 @@ def weigh_rival_sets(
 ) -> tuple[RivalCauses, ...]:
     """Return the odds of sets that lack some *findings* and have others instead.
 
-    *rivals*: sets, and by how many standard errors each predicts readings held out better than the
-    findings, normal about the truth (pseudo-BMA+: Yao, Vehtari, Simpson, Gelman 2018, Bayesian
-    Analysis 13, 917). Sets of the same causes at the same places count once, by the larger odds.
+    *rivals*: sets, and by how many standard errors each predicts held-out readings better than the
+    findings. This gain is taken as normal about the truth (pseudo-BMA+: Yao, Vehtari, Simpson,
+    Gelman 2018, Bayesian Analysis 13, 917). Sets of the same causes at the same places count once,
+    with the larger odds.
     """
     places = {c.place for c in findings}
     weighed: dict[tuple[object, ...], RivalCauses] = {}
@@ -88,8 +89,11 @@ def _with_rivals(
     last: Fit,
     arm: Arm,
 ) -> Finding:
-    """A finding beside others *instead*, each with the odds of its set, and those of *every* set
-    without the finding together."""
+    """Add the causes *instead* to a finding's rivals, and lower its probability.
+
+    *instead*: causes, each with the odds of its set. *every*: the odds of all sets without the
+    finding.
+    """
     if not instead:
         return finding
     share = finding.probability / (1.0 + every)

@@ -1,7 +1,7 @@
-"""The search: one cause after another, each time the most probable, until nothing is wanted.
+"""The search adds the most probable cause, one at a time, until none is significant.
 
-Forward by posterior among all candidates, admitted by a family-wise threshold on the score;
-then a look back whether every finding is still needed and still the best name.
+Candidates are chosen by their posterior and admitted by a family-wise threshold on the score. Then
+the search looks back whether every finding is still needed and still has the best name.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
 from armd.terminal.counted import format_count
 
-#: What is found otherwise, or is no cause.
+#: Causes that are detected elsewhere, and what is no cause.
 NOT_SOUGHT = frozenset({"outliers", "unknown", "artefact_moved"})
 
 
@@ -76,9 +76,12 @@ class Search:
         work: WorkBudget | None = None,
         barred: Callable[[Candidate], bool] = lambda _candidate: False,
     ) -> None:
-        """*held_out*: what decides between two sets of findings; without, none replaces another.
-        *work*: what is computed at most, here and elsewhere. *barred*: whether a candidate is not
-        looked for."""
+        """Prepare a search of *rests* under the model *baseline*.
+
+        *held_out*: decides between two sets of findings; without it, none replaces another. *work*:
+        the bound on what is computed, here and elsewhere. *barred*: whether a candidate is
+        excluded.
+        """
         self.survey = Survey(rests, arm, baseline, work or WorkBudget(), barred)
         self._progress = progress
         self._held_out = held_out
@@ -86,13 +89,13 @@ class Search:
 
     @cached_property
     def first(self) -> ScoredCandidates:
-        """The whole catalogue against the model under test."""
+        """The scores of the whole catalogue under the model under test."""
         return self.survey.score(self.survey.fit([]))
 
     def run(self) -> SearchResult:
         """Search forward, looking back after every step."""
         survey, scored, first = self.survey, self.first, self.first.fit
-        del self.first  # many megabytes; asked for again, it is made again
+        del self.first  # many megabytes; it is computed again if it is needed again
         current = first
         untold = scored.scores.silent(set(catalogue.CATALOGUE) - NOT_SOUGHT)
         would_show = scored.scores.shown_at_typical_size()
@@ -108,7 +111,7 @@ class Search:
             findings = (
                 None if best is None else choose_next_set(best, scored, tried_keys, survey.tests)
             )
-            if best is None or findings is None:  # nothing is wanted, or a circle
+            if best is None or findings is None:  # nothing is significant, or every set was tried
                 another = self._revisited(current, scored, tried_keys)
                 if another is current:
                     break
@@ -181,13 +184,13 @@ class Search:
         return current
 
     def _judge_growth(self, grown: Fit) -> Sequence[Finding]:
-        """What is told of a fit's findings, growth among them, each beside all the others."""
+        """Judge a fit's findings, expansion among them, each given all the others."""
         survey = self.survey
         scored = survey.score(grown)
         return judge(scored, weigh_findings(scored, survey.tests), survey.tests)
 
     def _rename_one(self, current: Fit, scored: ScoredCandidates) -> tuple[Fit, ScoredCandidates]:
-        """With a finding renamed where, all others given, another name is clearly likelier."""
+        """Rename one finding if, given all others, another name is clearly likelier."""
         survey = self.survey
         for i, candidate in enumerate(current.findings):
             scores = scored.without(i)
@@ -212,9 +215,11 @@ class Search:
     def _rename_less_likely(
         self, current: Fit, scored: ScoredCandidates, tried_keys: set[str]
     ) -> tuple[Fit, ScoredCandidates, list[Finding]]:
-        """With each finding renamed that is less likely than one of its alternatives, all others
-        given, as long as that leads somewhere new; and the findings then. What has no name takes
-        one that predicts readings held out better."""
+        """Rename each finding that is less likely than one of its alternatives, given all others.
+
+        This is repeated as long as it leads to a new set; the findings are returned with it. A
+        finding without a name takes a name unless this predicts held-out readings clearly worse.
+        """
         survey = self.survey
         weighed_findings = weigh_findings(scored, survey.tests)
         for _ in range(MOST_FINDINGS):
@@ -244,8 +249,12 @@ class Search:
         return current, scored, weighed_findings
 
     def _revisited(self, current: Fit, scored: ScoredCandidates, tried_keys: set[str]) -> Fit:
-        """With another set of findings, where one is as likely as it must be, about its own point
-        too, and predicts readings held out as well as it must."""
+        """Return the fit of another set of findings that may replace the current one, else
+        *current*.
+
+        The set must be likely enough, also about its own point, and predict held-out readings well
+        enough (`require_heldout`).
+        """
         survey = self.survey
         for rival_set in self._rival_sets(current, scored):
             key = make_key(rival_set.findings)
@@ -267,7 +276,7 @@ class Search:
         return current
 
     def _rival_sets(self, current: Fit, scored: ScoredCandidates) -> list[RivalSet]:
-        """Other sets that may be there instead of several findings; worked out once."""
+        """Return other sets that may be there instead of several findings; computed once."""
         survey = self.survey
         if survey.parted is None or not may_be_others(current.findings):
             return []
@@ -290,7 +299,7 @@ class Search:
         return self._rivals[1]
 
     def _weigh_rival_sets(self, current: Fit, scored: ScoredCandidates) -> tuple[RivalCauses, ...]:
-        """The odds of sets that explain as well as the findings."""
+        """Return the odds of sets that explain the readings as well as the findings do."""
         return weigh_rival_sets(
             current.findings,
             [

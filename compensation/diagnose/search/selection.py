@@ -1,4 +1,4 @@
-"""Which candidate joins the model next: the most probable of those that are significant."""
+"""The choice of the next candidate: the most probable one of those that are significant."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ from armd.compensation.effects.effect import Candidate, join_finding
 
 
 def choose_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:
-    """What joins the findings: a cause, or, where none does, the shape of one that is in."""
+    """Choose what joins the findings: a cause or, where none does, the shape of a finding."""
     cause = choose(scored.projection, scored.scores, tests)
     return cause or choose_shape(scored, tests)
 
 
 def make_key(findings: Sequence[Candidate]) -> str:
-    """What a set of findings is known by."""
+    """Return the key of a set of findings: its places and settings, sorted."""
     return "".join(sorted(repr((c.place, c.setting)) for c in findings))
 
 
 def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | None:
-    """The most probable place, if anything is significant; there its best value.
+    """Return the best candidate of the most probable place; None if nothing is significant.
 
-    What is named must be significant itself, also by the scatter of the rests that speak for it.
+    The candidate must be significant itself, also by the scatter of the rests that decide on it.
     """
     if not is_significant(scores.log_p, tests).any():
         return None
@@ -85,9 +85,11 @@ def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | No
 
 
 def find_strongest_left(scored: ScoredCandidates, tests: int) -> tuple[Candidate, float]:
-    """The candidate that is most wanted of those not in the model, and its log p value: the larger
-    of the two that `choose` asks for, so that what is not named for want of the second does not
-    count as left over."""
+    """Return the most significant candidate that is not in the model, and its log p value.
+
+    The log p value is the larger one of the two that `choose` tests. So a candidate that is not
+    named because it fails the second test does not count as an unexplained rest.
+    """
     candidates, log_p = scored.scores.signatures.candidates, scored.scores.log_p.copy()
     for i in np.argsort(log_p, kind="stable"):
         if not is_significant(log_p[i], tests):
@@ -100,11 +102,10 @@ def find_strongest_left(scored: ScoredCandidates, tests: int) -> tuple[Candidate
 
 
 def _refined(scores: Scores, projection: Projection) -> tuple[list[Candidate], F64, F64]:
-    """The candidates (C,), those of the likeliest places at the best of finer values; their log
-    posterior weights, and log p values.
+    """Return the candidates (C,) with refined values, their log posterior weights and log p values.
 
-    Values between those of the grid (an instant, a time constant) count: a step that is weighed at
-    the wrong instant loses to whatever else is near.
+    The likeliest places take the best of values between those of the grid (an instant, a time
+    constant). A step that is weighed at the wrong instant loses to whatever else is near.
     """
     candidates = list(scores.signatures.candidates)
     weight, log_p = scores.log_posterior().copy(), scores.log_p.copy()
@@ -125,15 +126,17 @@ def _refined(scores: Scores, projection: Projection) -> tuple[list[Candidate], F
 
 
 def _stride(values: Sequence[Candidate]) -> int:
-    """Of very many values (instants between thousands of rests) one in so many comes first, then
-    those around the best."""
+    """Return the stride with which very many values (instants of thousands of rests) are thinned.
+
+    The thinned values are scored first, then those around the best.
+    """
     return round(math.sqrt(len(values) / 2)) if len(values) > MOST_AT_ONCE else 1
 
 
 def _scored(
     finer: dict[int, list[Candidate]], projection: Projection
 ) -> dict[int, tuple[F64, F64]]:
-    """Log evidence and log p of each list's candidates, by one pass over the rows."""
+    """Return log evidence and log p of each list's candidates, by one pass over the rows."""
     if not finer:
         return {}
     scores = score_candidates(projection, [c for values in finer.values() for c in values]).scores
@@ -147,7 +150,9 @@ def _scored(
 def _with_own_tails(
     weight: F64, alike: I64, candidates: Sequence[Candidate], projection: Projection
 ) -> F64:
-    """The weights (C,), the likeliest kinds' with the tails clipped about their own fits."""
+    """Return the weights (C,), those of the likeliest kinds with outliers clipped about their own
+    fits.
+    """
     likeliest: dict[tuple[str, ...], int] = {}
     for i in alike[np.argsort(-weight[alike])]:
         likeliest.setdefault(identify_kind(candidates[i]), int(i))
@@ -162,10 +167,11 @@ def _with_own_tails(
 def _likelier(
     admitted: Candidate, refused: Sequence[Candidate], projection: Projection, tests: int
 ) -> Candidate:
-    """The admitted candidate, or the likelier one that few rests bear, if it is the same signal.
+    """Return the admitted candidate, or a likelier *refused* one if both explain the same signal.
 
-    That something is there the admitted one shows; what it is, the likelier one says, if nothing
-    of the admitted one is left with it in the model.
+    A likelier candidate may be refused because few rests support it. The admitted one shows that
+    there is something. The likelier one names it, if with it in the model the admitted one is not
+    significant.
     """
     for likelier in refused:
         about = clip_about(likelier, projection).fit
@@ -183,10 +189,10 @@ def _if_bent(
     weight: F64,
     projection: Projection,
 ) -> int:
-    """The likeliest candidate if a cause's shape may be off.
+    """Return the index of the likeliest candidate if each cause's shape may be off.
 
-    A general basis, or a neighbour of the catalogue, follows a disc that errs not quite as a sine
-    better than the sine does; it is the disc all the same.
+    A general basis, or a neighbour in the catalogue, may follow a disc whose error is not quite a
+    sine better than the sine does. The cause is still the disc.
     """
     named: dict[tuple[str, str], int] = {}
     for i in sorted(indices, key=lambda i: -weight[i]):
@@ -204,8 +210,10 @@ def _if_bent(
 
 
 def _finer(scores: Scores) -> dict[int, list[Candidate]]:
-    """Values around the best of each of the likeliest places that have a grid, and richer
-    functions of the likeliest variables."""
+    """Return refined values around the best of each of the likeliest places that have a grid.
+
+    For the likeliest unnamed functions these are richer functions of the same variables.
+    """
     finer: dict[int, list[Candidate]] = {}
     remaining = {False: MOST_REFINED, True: MOST_RICHER}
     enough = {False: -np.inf, True: scores.log_evidence.max() - AS_WELL}
@@ -225,15 +233,16 @@ def _finer(scores: Scores) -> dict[int, list[Candidate]]:
 
 
 def _value(candidate: Candidate) -> float:
-    """Of what is scanned; what has no grid stays in its order."""
+    """Return the scanned value; 0 without a grid, which keeps the order."""
     return candidate.setting[0][1] if candidate.setting else 0.0
 
 
 def choose_next_set(
     best: Candidate, scored: ScoredCandidates, tried_keys: Collection[str], tests: int
 ) -> list[Candidate] | None:
-    """The findings with one more, or with a shape where the look back undoes what that does; None
-    where it does either: both sets were tried."""
+    """Return the findings with *best* added, or with a shape if that set was tried; None if both
+    were.
+    """
     findings = join_finding(scored.fit.findings, best)
     if make_key(findings) in tried_keys and (shape := choose_shape(scored, tests)):
         findings = join_finding(scored.fit.findings, shape)
@@ -241,7 +250,7 @@ def choose_next_set(
 
 
 def choose_shape(scored: ScoredCandidates, tests: int) -> Candidate | None:
-    """The most significant of the findings' shapes, if any is."""
+    """Return the most significant of the findings' shapes, or None."""
     shapes = scored.projection.shapes
     shapes_by_finding = {i: c for i, c in enumerate(shapes.candidates) if c is not None}
     if not shapes_by_finding:

@@ -1,8 +1,8 @@
-"""How probable a set of causes is, given the readings: one number by which sets are compared.
+"""The posterior probability of a set of causes: one number by which sets are compared.
 
 log p(S | r) = log B(S) + Σ log prior(cause, place, kind, value) + const. B is the evidence of all
-amplitudes together against none, about one fit's point and in its noise; each cause's amplitudes
-have the likeliest size of the scales, and the shapes of all may be a little off.
+amplitudes together against none, about one fit's point and in its noise. Each cause's amplitudes
+have the likeliest of the scales, and all shapes may be a little off.
 """
 
 from __future__ import annotations
@@ -34,18 +34,20 @@ def compute_log_odds(
     arm: Arm,
     scores: Scores,
 ) -> float:
-    """By how many nats all *findings* together are likelier than those *instead_of*, both
-    linearised about the point of the fit *about*; *scores* hold the catalogue's priors."""
+    """Return by how many nats all *findings* together are likelier than those *instead_of*.
+
+    Both are linearised about the point of the fit *about*; *scores* hold the catalogue's priors.
+    """
     projection = make_projection(solve_again(about, [], arm), arm)
     log_posterior, against = (weigh_set(c, projection, scores) for c in (findings, instead_of))
     return log_posterior - against
 
 
 def weigh_set(findings: Sequence[Candidate], projection: Projection, scores: Scores) -> float:
-    """Log posterior (nat, up to a constant) of all *findings* together, from the *projection* of a
-    fit without findings; *scores* hold the catalogue's priors.
+    """Return the log posterior (nat, up to a constant) of all *findings* together.
 
-    The shape of a lag is how its sessions began; with that open it may be slower.
+    *projection*: that of a fit without findings. *scores* hold the catalogue's priors. The shape of
+    a lag is how its sessions began; with that open, the lag may be slower.
     """
     straight, shaped = _with_shapes(findings, projection)
     for i, finding in enumerate(findings):
@@ -63,7 +65,9 @@ def weigh_set(findings: Sequence[Candidate], projection: Projection, scores: Sco
 
 
 def _with_shapes(findings: Sequence[Candidate], projection: Projection) -> tuple[float, float]:
-    """Log evidence × prior of the amplitudes of findings, straight and with their shapes open."""
+    """Return log (evidence × prior) of the findings' amplitudes, without and with their shapes
+    open.
+    """
     nothing = projection.fit
     fitted = solve_again(nothing, findings, projection.arm)
     columns_of_findings = [
@@ -82,8 +86,11 @@ def _with_shapes(findings: Sequence[Candidate], projection: Projection) -> tuple
 
 
 def _log_evidence(gram: F64, side: F64, variance: F64) -> float:
-    """Log Bayes factor of the first columns, amplitudes normal with a *variance* (m,), against
-    nothing; from products (M, M) and (M,) with the residual, clear of what absorbs."""
+    """Return the log Bayes factor of the first m columns against none.
+
+    Their amplitudes are normal with a *variance* (m,). The products *gram* (M, M) and *side* (M,)
+    with the residual are clear of what absorbs.
+    """
     m = len(variance)
     size = np.sqrt(variance)
     inner = gram[:m, :m] * np.outer(size, size) + np.eye(m)
@@ -92,12 +99,12 @@ def _log_evidence(gram: F64, side: F64, variance: F64) -> float:
 
 
 def _amplitudes_a_priori(fitted: Fit) -> tuple[F64, float]:
-    """Variances of all findings' amplitudes, and log of the prior of the scales chosen."""
+    """Return the variances of all findings' amplitudes, and the log prior of the scales chosen."""
     variances, log_prior = [np.empty(0)], 0.0
     for candidate, values, span in zip(
         fitted.findings, fitted.amplitudes, fitted.layout.findings, strict=True
     ):
-        if is_sized(candidate):  # the data have their size
+        if is_sized(candidate):  # the data determine their common size
             variances.append(fitted.nuisance.variance[span])
             continue
         prior_sd = np.array([column.prior_sd for column in candidate.columns])

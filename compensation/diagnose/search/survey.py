@@ -1,4 +1,4 @@
-"""Fits of findings to one set of rests, and the whole catalogue scored about them."""
+"""Fits of findings to one set of rests, and the scores of the whole catalogue about them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from armd.compensation.model.arm import Arm
 
 
 class Survey:
-    """What a search knows between its steps: the candidates, how many tests they are, the fits."""
+    """The state of a search between its steps: candidates, number of tests, fits."""
 
     def __init__(
         self,
@@ -42,8 +42,11 @@ class Survey:
         work: WorkBudget,
         barred: Callable[[Candidate], bool],
     ) -> None:
-        """*work*: what is computed at most, here and elsewhere. *barred*: whether a candidate is
-        not looked for."""
+        """Prepare fits and scores of *rests* under the model *baseline*.
+
+        *work*: the bound on what is computed, here and elsewhere. *barred*: whether a candidate is
+        excluded.
+        """
         self.rests = rests
         self.arm = arm
         self.baseline = baseline
@@ -54,11 +57,11 @@ class Survey:
         self.tests = 1
         self._steady = [make_steady_drift(self.facts)] if self.facts.timed else []
         self._sought: tuple[Sequence[Candidate], Signatures] | None = None
-        #: the last survey beside findings, if any; many megabytes
+        #: the last scores given findings, if any; many megabytes
         self.parted: PartedSurvey | None = None
 
     def fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
-        """A fit that starts where *before* ended, of the same model under test."""
+        """Fit findings under the model under test, starting where *before* ended."""
         findings = select_with_causes(findings)
         amplitudes_of = {}
         if before is not None:
@@ -71,7 +74,7 @@ class Survey:
         return fit_by_turns(*about, findings, start, noise_extra=self._steady, noise=noise)
 
     def prune(self, current: Fit) -> Fit:
-        """Without findings that are not significant any more, the weakest first."""
+        """Drop findings that are not significant any more, the weakest first."""
         while current.findings:
             weakest_index, log_p = find_weakest(make_projection(current, self.arm))
             if is_significant(log_p, self.tests):
@@ -81,21 +84,24 @@ class Survey:
         return current
 
     def fit_steps(self, first: Fit, last: Fit) -> list[Fit]:
-        """With none, the first, the first two … of the *last* fit's findings: with none the
-        *first*, with all the *last*; the *last* alone if it has none."""
+        """Return the fits with none, the first, the first two … of the *last* fit's findings.
+
+        The fit with none is *first*, the fit with all is *last*; without findings only *last* is
+        returned.
+        """
         if not last.findings:
             return [last]
         between = range(1, len(last.findings))
         return [first, *(self.fit(last.findings[:i], last) for i in between), last]
 
     def score(self, current: Fit) -> ScoredCandidates:
-        """The whole catalogue against what is left. Sets `tests` where the candidates changed."""
+        """Score the whole catalogue on the residual; set `tests` where the candidates changed."""
         candidates, refused = self.refusals.candidates, self.refusals.places
         counted = self._sought is not None and self._sought[0] is candidates
         if self._sought is None or not counted:
             self._sought = candidates, compile_candidates(candidates, current.linear, self.arm)
         signatures = add_acting(self._sought[1], current, self.facts, refused, self.arm)
-        self.parted = None  # many megabytes
+        self.parted = None  # frees many megabytes before the next one is made
         if current.findings:
             nothing = set_findings(current, [], self.arm)
             self.parted = PartedSurvey.from_fit(nothing, signatures, self.arm)

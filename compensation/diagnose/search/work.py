@@ -1,9 +1,9 @@
-"""How much a diagnosis computes at most: a count of products, the same on any machine.
+"""The bound on what a diagnosis computes: a number of products, equal on every machine.
 
-Readings of an ordinary quality never come near the bound. Bad ones (another arm's, mixed-up rows,
-causes by the dozen) make the search name ten causes, look for other sets of as many, and repeat
-itself without each part of the readings; that takes minutes, and tells nothing that the first
-causes have not told. What is skipped for it is reported.
+Readings of ordinary quality never come near the bound. Bad ones are another arm's readings,
+mixed-up rows, or dozens of causes. With them the search finds ten causes, tries other sets of as
+many, and repeats itself without each part of the readings. That takes minutes and adds nothing to
+the first causes. The report lists what is skipped.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from armd.compensation.diagnose.constants import (
 
 @dataclass
 class WorkBudget:
-    """What a diagnosis has computed so far, and what it skipped."""
+    """The work that a diagnosis has done so far, and the list of what it skipped."""
 
     limit: float = MOST_PRODUCTS
     done: float = 0.0
@@ -30,26 +30,28 @@ class WorkBudget:
     skipped: list[str] = field(default_factory=list)
 
     def add(self, products: float, times: float) -> None:
-        """Count one look at the catalogue that takes so many products, *times* over."""
+        """Add the work of scoring the catalogue once, *products* products, *times* over."""
         products *= times
         self.done += products
         if times == TRIAL_WORK:
             self.of_sets += products
 
     def of_one_in(self, count: int) -> WorkBudget:
-        """Return the work of one of *count* pieces that are computed beside each other: an equal
-        part of what is left, or of what is kept for them."""
+        """Return the budget of one of *count* pieces that are computed in parallel.
+
+        It is an equal part of what is left, or of what is reserved for them.
+        """
         return WorkBudget(max(self.limit - self.done, LEAST_REPEATED * self.limit) / count)
 
     def take(self, piece: WorkBudget) -> None:
-        """Add what a piece has computed and skipped."""
+        """Add the work that a piece has done, and what it skipped."""
         self.done += piece.done
         for description in piece.skipped:
             self.skip(description)
 
     @classmethod
     def of_readings(cls, count: int) -> WorkBudget:
-        """Return the work that so many readings may take."""
+        """Return the budget for *count* readings."""
         times = min(max(MANY_READINGS / max(count, 1), 1.0), MOST_TIMES)
         return cls(MOST_PRODUCTS * times)
 
@@ -64,12 +66,12 @@ class WorkBudget:
         return self.done < self.limit
 
     def skip(self, description: str) -> None:
-        """Note once what is not computed."""
+        """Record once what is not computed."""
         if description not in self.skipped:
             self.skipped.append(description)
 
     def in_words(self) -> list[str]:
-        """Return a sentence for a person; none where nothing was skipped."""
+        """Return a sentence for a person; nothing where nothing was skipped."""
         if not self.skipped:
             return []
         return [

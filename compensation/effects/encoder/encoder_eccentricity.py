@@ -10,11 +10,11 @@ from armd.compensation.effects.effect import Candidate, Column, Effect, SessionF
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.wording import ARC_SECOND, format_plain, seconds_of_arc
 
-DISC_DIAMETER_MM = 50.0  # of a typical arm's encoder, for the reading only
+DISC_DIAMETER_MM = 50.0  # of a typical arm's encoder, for the description only
 
 
 def make_harmonic_columns(joint: int, order: int, prior_sd: float) -> tuple[Column, ...]:
-    """sin and cos of an order of a joint's angle, added to its angle."""
+    """Make columns that add sine and cosine of an order of a joint's angle to the angle."""
     return tuple(
         Column(
             kind,

@@ -1,4 +1,4 @@
-"""The encoder's disc is not round, or its axis wanders twice a turn."""
+"""The encoder's disc is not round, or its axis moves twice a turn."""
 
 from collections.abc import Iterator
 

@@ -41,7 +41,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
 
 
 def describe_curve(candidate: Candidate, rms_rad: float, order: int) -> str:
-    """The same of a curve over the turn."""
+    """Describe a curve over the turn."""
     return (
         f"the angle of {candidate.location} is wrong by {seconds_of_arc(rms_rad)} (root mean "
         f"square over the angles at which it stood) along a stable curve, most of it near {order} "

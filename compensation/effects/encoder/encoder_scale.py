@@ -1,4 +1,4 @@
-"""The angle's gain is wrong."""
+"""The gain of an angle is wrong."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""A joint's index is lost: its angle steps at a moment and stays so."""
+"""A joint loses its index: its angle steps at a moment and stays so."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -19,7 +19,7 @@ from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 
 def make_columns(joint: int, *basis: After) -> tuple[Column]:
-    """A step of a joint's angle, from an instant on or all along."""
+    """Make the column of a step of a joint's angle, from an instant on or at all times."""
     return (Column("step", "rad", 15 * ARC_SECOND, tie([(f"theta_{joint}", 1.0)], *basis)),)
 
 

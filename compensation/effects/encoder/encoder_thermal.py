@@ -1,4 +1,4 @@
-"""The encoder's disc creeps off centre, or out of round, with temperature."""
+"""The encoder's disc moves off centre, or out of round, with temperature."""
 
 from collections.abc import Iterator
 

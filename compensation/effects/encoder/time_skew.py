@@ -1,4 +1,4 @@
-"""A joint's angle is taken late."""
+"""A joint's angle is latched late."""
 
 from collections.abc import Iterator
 

@@ -1,1 +1,1 @@
-"""Causes in joints and links: bearings, play, weight, a knock."""
+"""Causes in joints and links: bearings, backlash, weight, a knock."""

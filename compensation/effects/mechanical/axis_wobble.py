@@ -15,7 +15,9 @@ BASE = (["base_rx", "base_ry", "base_x", "base_y"], np.eye(4))
 
 
 def _motions(facts: SessionFacts, joint: int) -> tuple[list[str], F64]:
-    """Parameters and weights (n, 4) that tilt and shift the axis of *joint* across itself."""
+    """Return parameters and weights (n, 4) that tilt and shift the axis of *joint*
+    across itself.
+    """
     if joint == 1:
         return BASE
     twists = np.zeros((6, 4))

@@ -12,10 +12,10 @@ from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Factor, Term
 from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
-#: Waves a turn: a wheel's run-out, its teeth where they are few.
+#: Waves a turn: a wheel's run-out, or its teeth if they are few.
 ORDERS = range(1, 21)
-#: Arms of encoders on their axes have no gear between joints; the axis of one that wobbles once or
-#: twice a turn does the same to a parallel one beside it.
+#: Arms whose encoders are on their axes have no gear between joints. An axis that wobbles once or
+#: twice a turn has the same effect on a parallel axis beside it.
 RARE = 0.1
 TYPICAL_RAD = 3 * ARC_SECOND
 
@@ -28,14 +28,17 @@ def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def _mesh(joint: int, other_joint: int, own_turns: int, order: int) -> Candidate:
-    """*own_turns*: how much of the joint's own turn counts: 0, or ±1 in a differential."""
+    """Make a candidate; *own_turns* is the factor of the joint's own turn.
+
+    It is 0, or ±1 in a differential.
+    """
     rolled = f"q{other_joint}" + {0: "", 1: f" + q{joint}", -1: f" - q{joint}"}[own_turns]
 
     def wave(kind: str, wave_joint: int) -> Factor:
         return Harmonic.model_validate({"kind": kind, "joint": wave_joint, "order": order})
 
     def sum_of(*products: tuple[float, str, str]) -> tuple[Term, ...]:
-        """Of the other joint's wave and the joint's own."""
+        """Return terms for products of the other joint's wave and the joint's own."""
         if own_turns == 0:
             return tie([(f"theta_{joint}", 1.0)], wave(products[0][1], other_joint))
         return tuple(

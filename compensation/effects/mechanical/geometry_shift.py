@@ -1,4 +1,4 @@
-"""A constant of a joint is no longer what the calibration says: knocked, re-mounted, drifting."""
+"""A constant of a joint differs from the calibration: knocked, re-mounted, drifting."""
 
 import math
 from collections.abc import Iterator
@@ -39,8 +39,8 @@ TYPICAL = {
     "alpha": 10 * ARC_SECOND,
     "beta": 10 * ARC_SECOND,
 }
-#: β is a constant of its own only between nearly parallel axes (sine of the angle between them);
-#: where the next axis stands across, it turns about the joint's own axis and is θ again.
+#: β is a constant of its own only between nearly parallel axes (limit of the sine of their angle).
+#: If the next axis is across, it turns about the joint's own axis and is equivalent to θ.
 PARALLEL = 0.5
 
 
@@ -62,7 +62,7 @@ def _drifting(facts: SessionFacts, joint: int, name: str) -> Iterator[Candidate]
 
 
 def _in_each_session(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
-    """A joint's zero that is found anew before each session."""
+    """Yield a candidate for a joint whose zero is found anew before each session."""
     columns = tuple(
         make_column(function, "theta", "rad", TYPICAL["theta"], [(f"theta_{joint}", 1.0)])
         for function in make_session_functions(facts)
@@ -72,7 +72,9 @@ def _in_each_session(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
 
 
 def _growing(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
-    """All lengths of a link together: it takes up humidity."""
+    """Yield candidates for a growth of all lengths of a link together, because it
+    absorbs humidity.
+    """
     pairs = list_lengths(facts, joint)
     if len(pairs) < 2:
         return
@@ -88,14 +90,15 @@ def _growing(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
 
 
 def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
-    # Every constant of the last joint only moves the tip in its frame: that is tip_offset.
+    # Every constant of the last joint only moves the tip in its frame, which is the cause
+    # tip_offset.
     for k in facts.joints[:-1]:
         for name in TYPICAL:
             if name == "beta" and abs(math.sin(facts.constant(k, "alpha"))) > PARALLEL:
                 continue
             if facts.has_fixed_constants:
                 yield Candidate("geometry_shift", location.joint(k), _shifted(k, name), ())
-            if name != "theta":  # a step of the angle is the encoder's: encoder_slip
+            if name != "theta":  # a step of the angle is the cause encoder_slip
                 shifted = partial(_shifted, k, name)
                 yield from make_steps(facts, "geometry_shift", location.joint(k), shifted)
             yield from _drifting(facts, k, name)

@@ -1,4 +1,4 @@
-"""The angle lags by the side from which the joint came."""
+"""The angle lags behind, to the side from which the joint came."""
 
 from collections.abc import Iterator
 

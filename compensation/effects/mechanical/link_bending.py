@@ -1,9 +1,11 @@
-"""A link sags under its own weight and under what it carries.
+"""A link sags under its own weight and under its load.
 
-The link is a uniform round beam from the axis of its joint to the frame at its end. With M the
-moment at that end of everything beyond, W that weight, w the link's own, u the direction of the
-link and g that of gravity, all in the frame at its end:
-turn = (L·M⊥ + (W/2 + w/6)·L²·u×g) / EI, shift = (L²/2·M⊥ + (W/3 + w/8)·L³·u×g) × u / EI.
+The link is a uniform round beam from the axis of its joint to the frame at its end. M is the moment
+at that end of everything beyond, W that weight, and w the link's own weight. u is the direction of
+the link and g that of gravity, all in the frame at its end:
+
+    turn = (L·M⊥ + (W/2 + w/6)·L²·u×g) / EI
+    shift = (L²/2·M⊥ + (W/3 + w/8)·L³·u×g) × u / EI
 """
 
 from collections.abc import Iterator

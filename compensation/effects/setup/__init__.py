@@ -1,1 +1,1 @@
-"""Causes around the arm: its mount, tip and artefact, and how it is held to it."""
+"""Causes around the arm: its mount, its tip, the artefact and how the tip touches it."""

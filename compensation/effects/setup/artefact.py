@@ -1,4 +1,4 @@
-"""The artefact is not what its certificate says: its expansion, its lengths, one target."""
+"""The artefact differs from its certificate: its expansion, its lengths, one target."""
 
 from collections.abc import Iterator
 
@@ -11,7 +11,7 @@ from armd.compensation.wording import format_plain
 
 
 def _name_artefacts(facts: SessionFacts) -> list[tuple[str, str]]:
-    """Each artefact by name, and how a column says so; one is not told from others."""
+    """Return each artefact's name and its suffix in columns; a single artefact has neither."""
     if len(facts.artefacts) < 2:
         return [("", "")]
     return [(name, f" of {name}") for name in facts.artefacts]

@@ -1,4 +1,4 @@
-"""The artefact was touched half-way through a placement: a step of one placement, not the arm's."""
+"""The artefact moved during a placement: a step of one placement, which is not the arm's."""
 
 from collections.abc import Iterator
 
@@ -9,12 +9,14 @@ from armd.compensation.effects import location
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, Effect, SessionFacts
 from armd.compensation.wording import format_plain
 
-#: A hand moves an artefact by tenths of a millimetre; a mount that steps moves by some µm.
+#: A hand moves an artefact by tenths of a millimetre; a mount steps by some µm.
 SHIFT_MM, TURN_RAD = 0.1, 0.3e-3
 
 
 def make_candidate(placement: int, after: int) -> Candidate:
-    """Of the placement of this number, after so many of its rests in the order of time."""
+    """Make the candidate for the placement of this number, moved after so many rests in
+    time order.
+    """
     columns = tuple(
         Column(
             f"{'shift' if axis < 3 else 'turn'} {'xyz'[axis % 3]}",
@@ -28,7 +30,9 @@ def make_candidate(placement: int, after: int) -> Candidate:
 
 
 def list_candidates(_: SessionFacts) -> Iterator[Candidate]:
-    """None: `diagnose.touched` looks before the search, and parts the placement."""
+    """Return no candidate: `diagnose.search.moved_artefact` tests for it and splits
+    the placement.
+    """
     return iter(())
 
 

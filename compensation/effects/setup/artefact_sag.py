@@ -1,4 +1,4 @@
-"""The artefact hangs between its supports, differently in each placement."""
+"""The artefact sags between its supports, differently in each placement."""
 
 from collections.abc import Iterator
 

@@ -25,12 +25,12 @@ from armd.compensation.effects.effect import (
 from armd.compensation.model.slow_factors import After, Time
 from armd.compensation.wording import ARC_SECOND, format_plain, seconds_of_arc
 
-#: 1; a mount that steps further, of its typical 5 µm and 4″, and in one placement only, is an
-#: artefact that was moved: they are one signal, and only sizes tell.
+#: 1; a larger step of a mount, in multiples of its typical 5 µm and 4″, in one placement only, is a
+#: moved artefact. Both have the same signature, and only their sizes differ.
 MOST_MOUNT_STEP = 2.0
 
 SHIFTS = ("base_x", "base_y", "base_z")
-#: A base may move so much in the time seen.
+#: Typical motions of a base over the time seen.
 TYPICAL_MM, TYPICAL_RAD = 20e-3, 15 * ARC_SECOND
 TURNS = ("base_rx", "base_ry", "base_rz")
 
@@ -42,7 +42,7 @@ def _columns(basis: After | Time, per: str = "") -> tuple[Column, ...]:
 
 
 def make_steady_drift(facts: SessionFacts) -> Candidate:
-    """The base moving at one rate throughout; before and after nobody knows."""
+    """Make a drift of the base at one rate over the time seen; outside of it nothing is assumed."""
     elapsed = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
     columns = _columns(elapsed, "/h")
     return Candidate("mount_drift", location.BASE, columns, ("time_s",))

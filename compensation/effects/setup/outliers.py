@@ -8,7 +8,7 @@ from armd.terminal.counted import format_count
 
 
 def list_candidates(_: SessionFacts) -> Iterator[Candidate]:
-    """None: `diagnose.diagnose` looks for readings, not for a signature."""
+    """Return no candidate: `diagnose.diagnose` searches for readings, not for a signature."""
     return iter(())
 
 

@@ -1,4 +1,4 @@
-"""The stylus gives way along the direction of approach (or the tip's radius is wrong)."""
+"""The stylus yields along the direction of approach (or the tip's radius is wrong)."""
 
 from collections.abc import Iterator
 

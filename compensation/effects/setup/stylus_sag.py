@@ -1,4 +1,4 @@
-"""A long stylus hangs by its own weight, the more the more level it is."""
+"""A long stylus sags by its own weight, most when it is level."""
 
 from collections.abc import Iterator
 

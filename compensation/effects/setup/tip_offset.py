@@ -1,8 +1,9 @@
-"""The tip is not where the calibration has it: all along, or from a moment on.
+"""The tip differs from the calibration: at all times, or from a moment on.
 
-It may be anywhere. A stylus that loosens in its thread, or was not screwed in all the way, moves
-along its shaft, which is the last axis or nearly so; a last joint that slid does the same. Who
-presses harder than others moves it along the stylus, in the sessions that are his.
+It may be displaced in any direction. A stylus that loosens in its thread, or was not screwed in
+completely, moves along its shaft, which is nearly the last axis. A last joint that slid has the
+same effect. An operator who presses harder than others moves the tip along the stylus, in his own
+sessions.
 """
 
 import math
@@ -40,8 +41,8 @@ from armd.compensation.model.slow_factors import After
 from armd.compensation.wording import format_plain
 
 TYPICAL_MM = 20e-3
-#: How much of it lies across the last axis where the tip moved along its shaft: a thread stands
-#: askew by some degrees.
+#: The part across the last axis if the tip moved along its shaft: a thread is askew by some
+#: degrees.
 ASKEW = 0.2
 
 
@@ -67,7 +68,9 @@ def _along(function: Function) -> list[Column]:
 
 
 def _in_each_session(facts: SessionFacts) -> Iterator[Candidate]:
-    """Anywhere, or along the stylus alone."""
+    """Yield candidates with an offset for each session: in any direction, or along the
+    stylus only.
+    """
     functions, stylus_lengths = make_session_functions(facts), list_stylus_offsets(facts)
     length = math.hypot(*(mm for _, mm in stylus_lengths))
     anywhere = {name[-1]: [(name, 1.0)] for name in TIP_PARAMETERS}

@@ -1,1 +1,1 @@
-"""Causes that go with temperature, and the sensors that read it."""
+"""Causes that depend on temperature, and faults of the sensors that measure it."""

@@ -1,4 +1,4 @@
-"""A joint's angle (or its axis) moves with temperature."""
+"""A joint's angle (or its axis) changes with temperature."""
 
 from collections.abc import Iterator
 
@@ -14,7 +14,7 @@ from armd.compensation.effects.effect import (
 )
 from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
-#: first power, and a square too: a housing under preload moves in a curve
+#: typical size by order; a square, because a housing under preload moves in a curve
 TYPICAL_RAD = {1: 0.6 * ARC_SECOND, 2: 0.06 * ARC_SECOND}
 
 

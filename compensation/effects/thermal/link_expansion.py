@@ -17,7 +17,7 @@ from armd.compensation.effects.effect import (
 )
 from armd.compensation.wording import format_plain
 
-#: 1/K; a priori standard deviation of a length's growth: carbon fibre 0 to 2e-6, steel 12e-6,
+#: 1/K; prior standard deviation of a length's expansion: carbon fibre 0 to 2e-6, steel 12e-6,
 #: aluminium 23e-6
 EXPANSION_PER_K = 20e-6
 
@@ -62,10 +62,11 @@ def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def list_together(facts: SessionFacts) -> Iterator[Candidate]:
-    """All links by one coefficient, each by its own sensors or all by one: an arm of one material.
+    """Yield candidates with one coefficient for all links: an arm of one material.
 
-    Its location is the longest link. A wrong expansion of the artefact shows almost the same, so it
-    may replace that finding alone: beside others it would explain two links that grow by all six.
+    Each link follows its own sensors, or all follow one sensor. The location is the longest link. A
+    wrong expansion of the artefact has almost the same signature, so the candidate may replace only
+    that finding. Beside other findings it would explain two expanding links by all six.
     """
     by_link = {k: pieces for k in facts.joints if (pieces := list_lengths(facts, k))}
     weights = {k: facts.weights(k) for k in by_link}
@@ -89,7 +90,7 @@ def list_together(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def _name(lengths_mm: Sequence[tuple[str, float]]) -> str:
-    """Of a piece of a link, as its amplitude is called."""
+    """Return the name of a piece of a link in its amplitude."""
     return "stylus" if len(lengths_mm) > 1 else lengths_mm[0][0].split("_")[0]
 
 

@@ -1,4 +1,4 @@
-"""A link's length does not follow its temperature in a straight line."""
+"""A link's length is not a linear function of its temperature."""
 
 from collections.abc import Iterator
 
@@ -16,7 +16,7 @@ from armd.compensation.effects.effect import (
 from armd.compensation.wording import format_plain
 
 TYPICAL = {2: 8e-8, 3: 8e-9, 4: 8e-10}
-#: One order alone, or all: a coefficient that rises from one value to another is no single power.
+#: One order, or all: a coefficient that rises from one value to another is no single power.
 ORDERS = ((2,), (3,), (2, 3, 4))
 
 

@@ -1,7 +1,7 @@
-"""A joint warms by its own use, where no sensor feels it.
+"""A joint warms by its own use, and no sensor measures it.
 
-What warms it is how fast it turned, by the rates at the readings, or the way from one reading to
-the next; both are known only where one measured, so no calibration holds this: it is told.
+The heat comes from the rates at the readings, or from the ways between readings. Both are known
+only at readings, so no calibration can contain this; it is only reported.
 """
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from armd.compensation.wording import ARC_SECOND, format_plain, seconds_of_arc
 
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 960.0, 1920.0)
 FINER = (0.7, 0.84, 1.19, 1.4)
-#: At one radian a second, in the end.
+#: Typical final sizes at one radian a second.
 TYPICAL_RAD, TYPICAL_STRAIN = 15 * ARC_SECOND, 60e-6
 
 

@@ -1,6 +1,6 @@
-"""A temperature sensor reads wrong: by a constant, or by more and more.
+"""A temperature sensor reads wrong: by a constant, or by an increasing error.
 
-Of a constant only a calibration made before can tell: a fit to the same sessions absorbs it.
+A constant is detected only with an earlier calibration: a fit to the same sessions absorbs it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,7 @@ from armd.compensation.model.terms import Term
 from armd.compensation.wording import format_plain
 
 TYPICAL_K = 0.5
-#: What a sensor loses while it is being used is less: its contact loosens, its cable warms.
+#: A sensor's error changes by less during its use: its contact loosens, its cable warms.
 TYPICAL_DRIFT_K = 0.1
 
 
@@ -26,8 +26,10 @@ def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def list_acting_offsets(facts: SessionFacts, acting_terms: Sequence[Term]) -> Iterator[Candidate]:
-    """What other findings go by, too. A drift that acted through them could be anything that they
-    do not quite explain."""
+    """Yield constant offsets of sensors that act through other findings, too.
+
+    Drifts are excluded: through those terms a drift could follow anything that they do not explain.
+    """
     for name in facts.sensors:
         yield from _steady(facts, name, _derivatives((*facts.terms, *acting_terms), name))
 
@@ -38,14 +40,14 @@ def _derivatives(terms: Sequence[Term], sensor: str) -> tuple[Term, ...]:
 
 def _steady(facts: SessionFacts, sensor: str, terms: tuple[Term, ...]) -> Iterator[Candidate]:
     if facts.has_fixed_constants and terms:
-        # A sensor tens of kelvin off is noticed long before any length is.
+        # A sensor that is tens of kelvin off is noticed long before any length.
         column = Column("offset", "K", TYPICAL_K, terms, reach=5.0)
         place = location.sensors(sensor)
         yield Candidate("sensor_offset", place, (column,), (sensor,), through=())
 
 
 def _drifting(facts: SessionFacts, sensor: str, terms: Sequence[Term]) -> Iterator[Candidate]:
-    """What a fit to the same sessions does not absorb: an offset that changes."""
+    """Yield offsets that change in time, which a fit to the same sessions does not absorb."""
 
     def columns(function: Function) -> list[Column]:
         moving = tuple(
@@ -63,8 +65,10 @@ def _drifting(facts: SessionFacts, sensor: str, terms: Sequence[Term]) -> Iterat
 
 
 def _derivative(term: Term, sensor: str) -> Iterator[Term]:
-    """d term / d T_sensor, for terms that have a single power of a temperature, and of what else
-    they are a product."""
+    """Yield d term / d T_sensor for terms with a single power of a temperature.
+
+    They may be products of that power and other factors.
+    """
     factor = find_temperature(term)
     if factor is None or factor.zone_c is not None:
         return
@@ -80,7 +84,7 @@ def _derivative(term: Term, sensor: str) -> Iterator[Term]:
 def describe(candidate: Candidate, amplitudes: F64) -> str:
     if is_drift(candidate):
         return f"the error of {candidate.location} {describe_course(candidate)}"
-    # what the model lacks is the true temperature minus the one read
+    # the amplitude is the true temperature minus the one read
     return f"{candidate.location} reads {format_plain(-amplitudes[0], sign='+')} K wrong"
 
 

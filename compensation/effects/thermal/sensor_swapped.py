@@ -1,8 +1,9 @@
 """Two temperature sensors are exchanged.
 
-Under a calibration given, every term of one sensor takes the other's temperature: one amplitude,
-1 if they are exchanged; what else was found is then looked for by the other (`list_exchanged` of
-the catalogue). In a model made of the same sessions, each link wants the other's sensor.
+Under a given calibration, every term of one sensor takes the other's temperature; the one amplitude
+is 1 if they are exchanged. Other findings are then searched for with the other sensor
+(`list_exchanged` of the catalogue). In a model fitted to the same sessions, each link follows the
+other's sensor.
 """
 
 from collections.abc import Iterator

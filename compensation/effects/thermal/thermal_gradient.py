@@ -49,7 +49,7 @@ def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def _differences(facts: SessionFacts, link: int) -> list[tuple[str, str]]:
-    """Differences that involve the link's own sensors; all there are, if it has none."""
+    """Return the pairs of sensors with one of the link's own; all pairs, if it has none."""
     own_weights = facts.weights(link) or dict.fromkeys(facts.sensors, 1.0)
     pairs = {
         tuple(sorted((name, other_sensor)))
@@ -61,7 +61,7 @@ def _differences(facts: SessionFacts, link: int) -> list[tuple[str, str]]:
 
 
 def _across(vector: F64) -> F64:
-    """Two unit vectors across a vector, as columns (3, 2)."""
+    """Return two unit vectors across a vector, as columns (3, 2)."""
     across: F64 = np.linalg.svd(vector[None, :])[2][1:].T
     return across
 

@@ -1,4 +1,4 @@
-"""A link follows its sensor late."""
+"""A link follows its sensor with a delay."""
 
 from collections.abc import Iterator, Sequence
 
@@ -22,16 +22,17 @@ from armd.compensation.effects.effect import (
 from armd.compensation.model.terms import Term
 from armd.compensation.wording import format_plain
 
-OF_A_LENGTH = 0.3  # 1; a link's length may be late by so much more or less than the others
-#: 1; a lag whose sessions began on a ramp looks shorter than it is, 10 and 25 min as 1 to 10: so
-#: many times longer ones are tried.
+OF_A_LENGTH = 0.3  # 1; deviation of one length's delay from that of its link, as a share
+#: 1; if sessions began on a ramp, a lag looks shorter than it is, 10 and 25 min as 1 to 10. So lags
+#: this many times longer are tried, too.
 SLOWER_LAGS = (4.0, 16.0)
-LONGER_LAGS = (1.0, 5.0)  # 1; what fades does so within the time constant, or several of them
+LONGER_LAGS = (1.0, 5.0)  # 1; an initial error fades with this many time constants
 
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 900.0, 1500.0, 2400.0, 3600.0, 5400.0)
 TYPICAL_PER_K = 15e-6
-#: A link comes late by all of its growth at most, and is warmed through within about an hour. On a
-#: steady ramp only share × time constant shows: too short a constant is made up by the share.
+#: A link is delayed by all of its expansion at most, and is warm throughout within about an hour.
+#: On a steady ramp only share × time constant is identifiable: a larger share makes up for too
+#: short a time constant.
 WARMED_THROUGH_S = 3600.0
 
 
@@ -43,14 +44,17 @@ def _lagging(
     acting_terms: Sequence[Term] = (),
     by_length: bool = False,
 ) -> Candidate:
-    """Every link on these sensors follows them with one time constant; so do the *acting_terms*,
-    those of other findings. *by_length*: only lengths, each in proportion to itself."""
+    """Make a candidate in which every link on these sensors follows them with one time constant.
+
+    The *acting_terms*, those of other findings, follow likewise. *by_length*: only lengths do, each
+    in proportion to itself.
+    """
     links = [k for k in facts.joints if facts.weights(k) == weights and list_lengths(facts, k)]
     share = None if by_length else _delayed_terms((*facts.terms, *acting_terms), weights, lag_s)
     column = share or _delayed_lengths(
         [pair for k in links for pair in list_lengths(facts, k)], weights, lag_s
     )
-    # Where one link has the sensor to itself, the link is the place; otherwise the sensor.
+    # The location is the link if it is alone on its sensors, and otherwise the sensors.
     place = location.link(links[0]) if len(links) == 1 else location.sensors(*weights)
 
     def rebuild(value: float) -> Candidate:
@@ -74,18 +78,23 @@ def _lagging(
 def _delayed_terms(
     model_terms: Sequence[Term], weights: dict[str, float], lag_s: float
 ) -> Column | None:
-    """What the model has of these sensors, taken late: amplitude 1 if the lag is right."""
+    """Return the model's terms of these sensors, delayed: the amplitude is 1 if the lag
+    is right.
+    """
     terms = tuple(piece for term in model_terms for piece in _delayed(term, weights, lag_s))
     return Column("share", "1", 1.0, terms, reach=_largest_share(lag_s)) if terms else None
 
 
 def _largest_share(lag_s: float) -> float:
-    """The largest share of a link's growth that is plausible with this time constant."""
+    """Return the largest plausible share of a link's expansion with this time constant."""
     return max(1.0, WARMED_THROUGH_S / lag_s)
 
 
 def _delayed(term: Term, weights: dict[str, float], lag_s: float) -> Iterator[Term]:
-    """What a term adds if these sensors come late, the others of a difference at once."""
+    """Yield the terms that a term adds if these sensors are delayed.
+
+    Other sensors of a difference are not delayed.
+    """
     factor = find_temperature(term)
     if factor is None or factor.lag_s or factor.zone_c:
         return
@@ -101,7 +110,9 @@ def _delayed(term: Term, weights: dict[str, float], lag_s: float) -> Iterator[Te
 def _delayed_lengths(
     pairs: list[tuple[str, float]], weights: dict[str, float], lag_s: float
 ) -> Column:
-    """Lengths that follow late, where the model has no coefficient for them."""
+    """Make a column of lengths that follow with a delay, if the model has no coefficient
+    for them.
+    """
     terms = (
         *tie(pairs, make_temperature(weights, lag_s=lag_s)),
         *tie([(name, -mm) for name, mm in pairs], make_temperature(weights)),
@@ -122,7 +133,8 @@ def list_candidates(facts: SessionFacts, acting_terms: Sequence[Term] = ()) -> I
             ]
             yield from every
             if not facts.has_fixed_constants and every[0].through is not None:
-                # What the same readings identified of each length beside a lag is wrong by it.
+                # A coefficient of a length that was fitted to the same readings without the lag is
+                # wrong.
                 for lag_s in TIME_CONSTANTS_S:
                     yield _lagging(facts, weights, lag_s, False, by_length=True)
 

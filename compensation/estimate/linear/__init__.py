@@ -1,1 +1,1 @@
-"""Linear least squares: named blocks of columns with priors, and what is known of them."""
+"""Linear least squares: named blocks of columns with priors, solutions and their covariance."""

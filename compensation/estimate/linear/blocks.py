@@ -1,4 +1,4 @@
-"""Tall columns kept placement by placement: most are zero in all placements but one."""
+"""Tall columns stored placement by placement: most are zero in all placements but one."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from armd.compensation.estimate.linear.bordered import compute_pseudo_inverse_fa
 
 @dataclass(frozen=True)
 class Piece:
-    """Of one placement's rests (k,), the columns (c,) that are not zero there, ascending, and their
-    values (k, 3, c)."""
+    """The nonzero columns at one placement's rests (k,).
+
+    *columns* (c,) are their numbers, ascending; *values* (k, 3, c).
+    """
 
     rests: I64
     columns: I64
@@ -35,8 +37,10 @@ class Blocks:
     distances: F64  # (D, m)
 
     def products(self, whitener: F64, distance_mm: F64, residual: F64) -> F64:
-        """(m + 1, m + 1) of the columns and a residual (N,) as a last one, whitened by matrices
-        (n, 3, 3) and standard uncertainties (D,)."""
+        """Return products (m + 1, m + 1) of the columns, with a residual (N,) as the last one.
+
+        Rows are whitened by matrices (n, 3, 3) and standard uncertainties (D,).
+        """
         n = 3 * self.n
         last = np.hstack([self.distances, residual[n:, None]]) / distance_mm[:, None]
         total: F64 = last.T @ last
@@ -62,12 +66,15 @@ class Blocks:
         residual: F64,
         left_out: Sequence[Mask],
     ) -> list[tuple[F64, F64]]:
-        """The same of all columns but those *eliminated* (m,), each in one of the pieces, which are
-        fitted along, and the squared lengths of these columns before; without the rests of each of
-        *left_out* (n,), which do not overlap: rows are multiplied once for all of these.
+        """Return products of all columns but those *eliminated* (m,), which are fitted along.
 
-        *variance* (m,): of the amplitudes a priori, inf: free. What neither rows nor priors tell of
-        the columns fitted along takes nothing.
+        Each eliminated column is in one of the pieces. The products are as in `products`; with them
+        are returned the squared lengths of these columns before elimination. Both are computed
+        without the rests of each of *left_out* (n,). These do not overlap, so rows are multiplied
+        only once.
+
+        *variance* (m,): of the amplitudes a priori, inf: free. A direction of the eliminated
+        columns that neither rows nor priors determine takes nothing.
         """
         shared = np.flatnonzero(~eliminated)
         turn = np.empty(self.size, dtype=np.int64)
@@ -111,7 +118,7 @@ class Blocks:
 
     @cached_property
     def meeting(self) -> Mask:
-        """(m, m) which columns are in one piece, or of one distance, together."""
+        """The pairs of columns (m, m) that are in one piece, or of one distance, together."""
         together = self.distances != 0.0
         meets: Mask = together.T @ together
         for piece in self.pieces:
@@ -120,7 +127,7 @@ class Blocks:
 
     @cached_property
     def in_one_piece(self) -> Mask:
-        """(m,) which columns are zero but in one piece."""
+        """The columns (m,) that are zero outside one piece."""
         count = np.zeros(self.size, dtype=np.int64)
         for piece in self.pieces:
             count[piece.columns] += 1
@@ -128,25 +135,25 @@ class Blocks:
         return is_single
 
     def whitened(self, whitener: F64, distance_mm: F64) -> Blocks:
-        """In units of the noise, by matrices (n, 3, 3) and standard uncertainties (D,)."""
+        """Return the columns whitened by matrices (n, 3, 3) and standard uncertainties (D,)."""
         pieces = (replace(p, values=whitener[p.rests] @ p.values) for p in self.pieces)
         return replace(self, pieces=tuple(pieces), distances=self.distances / distance_mm[:, None])
 
     def select_rests(self, rests: I64) -> Piece:
-        """At some rests of one placement, ascending."""
+        """Return the columns at some rests of one placement, ascending."""
         piece = self.pieces[int(self._number[rests[0]])]
         return replace(piece, rests=rests, values=piece.values[np.searchsorted(piece.rests, rests)])
 
     @cached_property
     def _number(self) -> I64:
-        """(n,) in which of the pieces a rest is."""
+        """The number (n,) of each rest's piece."""
         numbers = np.empty(self.n, dtype=np.int64)
         for k, piece in enumerate(self.pieces):
             numbers[piece.rests] = k
         return numbers
 
     def times(self, amplitudes: F64) -> F64:
-        """(N, …) the columns times amplitudes (m, …)."""
+        """Return the columns times amplitudes (m, …), as (N, …)."""
         sets = amplitudes.shape[1:]
         at_rests = np.zeros((self.n, 3, *sets))
         for piece in self.pieces:
@@ -155,7 +162,7 @@ class Blocks:
         return np.concatenate([by_row, self.distances @ amplitudes])
 
     def across(self, columns: F64) -> F64:
-        """Products (m, …) with other columns (N, …)."""
+        """Return products (m, …) with other columns (N, …)."""
         flat = columns[:, None] if columns.ndim == 1 else columns
         products: F64 = self.distances.T @ flat[3 * self.n :]
         by_rest = flat[: 3 * self.n].reshape(self.n, 3, flat.shape[1])
@@ -167,7 +174,7 @@ class Blocks:
         return products.reshape(self.size, *columns.shape[1:])
 
     def only(self, numbers: I64 | slice) -> Blocks:
-        """Some of the columns, in their order."""
+        """Return some of the columns, in their order."""
         chosen = np.arange(self.size)[numbers]
         if np.array_equal(chosen, np.arange(self.size)):
             return self
@@ -182,7 +189,7 @@ class Blocks:
         return Blocks(self.n, len(chosen), tuple(pieces), self.distances[:, chosen])
 
     def to_dense(self, numbers: I64 | slice = slice(None)) -> F64:
-        """(N, …) some of the columns in full."""
+        """Return some of the columns in full (N, …)."""
         chosen = self.only(numbers)
         rows = np.zeros((3 * self.n + len(self.distances), chosen.size))
         at_rests = rows[: 3 * self.n].reshape(self.n, 3, chosen.size)
@@ -199,8 +206,10 @@ class Blocks:
 
     @cached_property
     def independent_groups(self) -> tuple[tuple[I64, F64], ...]:
-        """What can be solved by itself, as placements that share no column: rests (k,), and the
-        values (k, 3, c) of the columns there."""
+        """The groups of rests that can be solved separately, as placements that share no column.
+
+        Of each group: rests (k,), and the values (k, 3, c) of the columns there.
+        """
         count = len(self.pieces)
         ends = [(k, count + j) for k, piece in enumerate(self.pieces) for j in piece.columns]
         k, j = np.array(ends, dtype=np.int64).reshape(-1, 2).T
@@ -223,8 +232,10 @@ class Blocks:
 
 
 def to_blocks(columns: Sequence[F64 | Blocks], placement: I64) -> Blocks:
-    """Columns (3 n + D, …), m in all, by the *placement* (n,) of each rest; those that are in
-    blocks already, in the same ones."""
+    """Store columns (3 n + D, …), m in all, by the *placement* (n,) of each rest.
+
+    If some are in blocks already, all are stored in these blocks.
+    """
     n = len(placement)
     if any(isinstance(block, Blocks) for block in columns):
         return _join(columns)
@@ -238,7 +249,7 @@ def to_blocks(columns: Sequence[F64 | Blocks], placement: I64) -> Blocks:
 
 
 def _join(columns: Sequence[F64 | Blocks]) -> Blocks:
-    """All columns, side by side; at least the first in blocks."""
+    """Join all columns side by side; at least one of them is in blocks."""
     blocks = next(block for block in columns if isinstance(block, Blocks))
     n = blocks.n
     sizes = [block.size if isinstance(block, Blocks) else block.shape[1] for block in columns]
@@ -267,15 +278,17 @@ def _join(columns: Sequence[F64 | Blocks]) -> Blocks:
 
 
 def _multiply_columns(white: F64) -> F64:
-    """(c, c) products of columns (k, 3, c)."""
+    """Return products (c, c) of columns (k, 3, c)."""
     rows = white.reshape(-1, white.shape[2])
     gram: F64 = rows.T @ rows
     return gram
 
 
 def _eliminate_first(gram: F64, priors: F64) -> tuple[F64, F64]:
-    """Products of all columns but the first m, clear of these, held by *priors* (m,), from those
-    of all; and their squared lengths before, but for the last."""
+    """Eliminate the first m columns, which have *priors* (m,), from the products of all.
+
+    Returns the products of the others, and their squared lengths before, except the last one's.
+    """
     m = len(priors)
     first_gram = gram[:m, :m] + np.diag(priors)
     projected = compute_pseudo_inverse_factor(first_gram).T @ gram[:m, m:]

@@ -1,8 +1,8 @@
-"""Symmetric matrices that fall apart but for a border: each part meets the border and itself only.
+"""Symmetric matrices of independent parts and a border: a part meets the border and itself only.
 
-A placement's pose, and a base that wanders while it stands, meet what all placements share and
-nothing of another placement. Whatever is worked out of their products part by part takes a time in
-proportion to the number of parts; of all columns at once, the cube of it.
+A placement's pose, and the drift of a base during the placement, meet what all placements share,
+but nothing of another placement. Working part by part on their products takes a time in proportion
+to the number of parts; on all columns at once, in proportion to its cube.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from scipy.sparse.csgraph import connected_components
 
 from armd.arrays import F64, I64, Mask
 
-#: Relative to the largest eigenvalue, each unknown in units of its own diagonal: still knowledge.
+#: Least eigenvalue of a known direction relative to the largest, unknowns scaled by the diagonal.
 LEAST_KNOWN = 1e-13
-#: So few columns are solved for together sooner than it is found out which of them fall apart.
+#: So few columns are solved together faster than it takes to find their independent parts.
 FEW = 32
-#: A column that meets more than this share of all others is of the border.
+#: A column that meets more than this share of all others belongs to the border.
 MOST_MET = 0.5
 
 
 @dataclass(frozen=True)
 class BorderedParts:
-    """Which columns of a symmetric matrix (b, b) make which part, and the border: all others."""
+    """The columns of a symmetric matrix (b, b) by part, and the border: all others."""
 
     inner_parts: tuple[I64, ...]
     border: I64
 
     @classmethod
     def from_matrix(cls, matrix: F64 | Mask) -> BorderedParts:
-        """By what is not zero; no parts where all columns hang together."""
+        """Find the parts by the nonzero elements; all columns may form one part."""
         meets = matrix != 0.0
         np.fill_diagonal(meets, True)
         inner = np.arange(len(matrix))
@@ -51,19 +51,22 @@ class BorderedParts:
 
 @dataclass(frozen=True)
 class Root:
-    """F (b, r), of which each part of the rows has columns of its own (c, ·); all rows have those
-    of the border."""
+    """A factor F (b, r), stored as blocks of columns for parts of the rows, and border columns.
+
+    The columns of each block are nonzero only in the rows of its part; the border's are nonzero in
+    all rows.
+    """
 
     inner_blocks: tuple[tuple[I64, F64], ...]
-    border: F64  # (b, ·)
+    border: F64  # (b, ·) columns
 
     def scaled(self, by: F64) -> Root:
-        """With every row multiplied (b,)."""
+        """Return the root with every row multiplied by its factor (b,)."""
         blocks = tuple((rows, by[rows, None] * values) for rows, values in self.inner_blocks)
         return Root(blocks, by[:, None] * self.border)
 
     def to_dense(self) -> F64:
-        """(b, r) in full."""
+        """Return the matrix (b, r) in full."""
         blocks = []
         for rows, values in self.inner_blocks:
             block = np.zeros((len(self.border), values.shape[1]))
@@ -72,19 +75,19 @@ class Root:
         return np.hstack([*blocks, self.border])
 
     def multiply_transposed(self, across: F64) -> F64:
-        """Fᵀ times columns (b, …)."""
+        """Return Fᵀ times columns (b, …)."""
         products = (values.T @ across[rows] for rows, values in self.inner_blocks)
         return np.concatenate([*products, self.border.T @ across])
 
     def multiply_square(self, side: F64) -> F64:
-        """F Fᵀ times a vector (b,)."""
+        """Return F Fᵀ times a vector (b,)."""
         product: F64 = self.border @ (self.border.T @ side)
         for rows, values in self.inner_blocks:
             product[rows] += values @ (values.T @ side[rows])
         return product
 
     def compute_square(self, rows: slice) -> F64:
-        """F Fᵀ of some rows (m, m)."""
+        """Return F Fᵀ of some rows (m, m)."""
         border = self.border[rows]
         product: F64 = border @ border.T
         turn = np.full(len(self.border), -1)
@@ -97,10 +100,10 @@ class Root:
 
 
 def compute_inverse_root(matrix: F64, added_diagonal: F64 | float = 0.0) -> tuple[Root, float]:
-    """F with F Fᵀ the inverse of a positive definite *matrix* (b, b), *added_diagonal* (b,) on its
-    diagonal, and its trace.
+    """Return F with F Fᵀ the inverse of a positive definite *matrix*, and its trace.
 
-    Raises `numpy.linalg.LinAlgError` where it is not.
+    The trace is the inverse's. *matrix* is (b, b), and *added_diagonal* (b,) is added to its
+    diagonal. Raises `numpy.linalg.LinAlgError` where it is not positive definite.
     """
     added_diagonal = np.broadcast_to(added_diagonal, (len(matrix),))
     root, trace, _ = _compute_inverse_root(matrix, added_diagonal, np.ones(len(matrix)))
@@ -108,11 +111,12 @@ def compute_inverse_root(matrix: F64, added_diagonal: F64 | float = 0.0) -> tupl
 
 
 def compute_pseudo_inverse_root(matrix: F64, added_diagonal: F64 | float = 0.0) -> Root:
-    """F (b, r) with F Fᵀ the pseudo-inverse: along what is not known, a solution stays where it is.
+    """Return F (b, r) with F Fᵀ the pseudo-inverse: unknown directions of a solution stay 0.
 
-    What is known is told with each unknown in units of its own diagonal (`LEAST_KNOWN`): a prior
-    far tighter than the rows of one unknown must not make the others look as if nothing were known
-    of them. *added_diagonal* (b,) is added to the diagonal, in no copy of a large matrix.
+    Whether a direction is known is decided with each unknown in units of its own diagonal
+    (`LEAST_KNOWN`). Otherwise a prior on one unknown that is far tighter than the rows would make
+    the others look unknown. *added_diagonal* (b,) is added to the diagonal without a copy of a
+    large matrix.
     """
     added_diagonal = np.broadcast_to(added_diagonal, (len(matrix),))
     size = np.sqrt(np.maximum(np.diag(matrix) + added_diagonal, 0.0))
@@ -125,8 +129,11 @@ def compute_pseudo_inverse_root(matrix: F64, added_diagonal: F64 | float = 0.0) 
 
 
 def compute_root_along_known(matrix: F64, least_share: float, least_scale: float = 1e-300) -> F64:
-    """F (b, r) with F Fᵀ the inverse along the eigenvectors of which more is known than
-    *least_share*, relative to the largest eigenvalue, but at least to *least_scale*."""
+    """Return F (b, r) with F Fᵀ the inverse along the known eigenvectors.
+
+    An eigenvalue is known if it exceeds *least_share* times the largest one, which counts as at
+    least *least_scale*.
+    """
     values, vectors = np.linalg.eigh(matrix)
     is_known = values > least_share * max(float(values.max(initial=0.0)), least_scale)
     root: F64 = vectors[:, is_known] / np.sqrt(values[is_known])
@@ -134,14 +141,16 @@ def compute_root_along_known(matrix: F64, least_share: float, least_scale: float
 
 
 def compute_pseudo_inverse_factor(matrix: F64) -> F64:
-    """The same in full."""
+    """Return the factor of `compute_pseudo_inverse_root` as a dense matrix."""
     return compute_pseudo_inverse_root(matrix).to_dense()
 
 
 def _compute_root_of_known(matrix: F64, added_diagonal: F64, size: F64) -> Root | None:
-    """The same in units of *size* (b,) where everything is known for sure, which takes no
-    eigenvalues to tell: none is below one over the inverse's trace, none above the largest sum of
-    a row."""
+    """Return the root in units of *size* (b,) if certainly everything is known, else None.
+
+    This test needs no eigenvalues: none is below one over the inverse's trace, none above the
+    largest sum of a row.
+    """
     try:
         root, trace, largest = _compute_inverse_root(matrix, added_diagonal, size)
     except np.linalg.LinAlgError:
@@ -150,8 +159,10 @@ def _compute_root_of_known(matrix: F64, added_diagonal: F64, size: F64) -> Root 
 
 
 def _compute_inverse_root(matrix: F64, added_diagonal: F64, size: F64) -> tuple[Root, float, float]:
-    """As `compute_inverse_root` of the matrix, *added_diagonal* (b,) on its diagonal, in units of
-    *size* (b,); and the largest sum of a row of it."""
+    """Return root and trace as `compute_inverse_root`, and the largest sum of a row.
+
+    The matrix, with *added_diagonal* (b,) on its diagonal, is taken in units of *size* (b,).
+    """
 
     def block(rows: I64, columns: I64) -> F64:
         part: F64 = matrix[np.ix_(rows, columns)] / np.outer(size[rows], size[columns])
@@ -185,15 +196,15 @@ def _compute_inverse_root(matrix: F64, added_diagonal: F64, size: F64) -> tuple[
 
 
 def _compute_inverse_factor(matrix: F64) -> F64:
-    """Upper F with F Fᵀ the inverse."""
+    """Return the upper triangular F with F Fᵀ the inverse."""
     return invert_lower(np.asarray(np.linalg.cholesky(matrix), dtype=np.float64))
 
 
 def invert_lower(lower: F64) -> F64:
-    """Upper F with F Fᵀ the inverse of a matrix, from Cholesky's factor *lower* of it."""
+    """Return the upper F with F Fᵀ the inverse of a matrix, from its Cholesky factor *lower*."""
     if not len(lower):
         return lower
-    # LAPACK itself: scipy's own function looks at its arguments for longer than this takes.
+    # LAPACK itself: scipy's own function checks its arguments for longer than this takes.
     inverse, fault = dtrtrs(lower.T, np.eye(len(lower)), lower=False, trans=1)
     if fault:
         raise np.linalg.LinAlgError("a factor of Cholesky with a zero on its diagonal")

@@ -1,4 +1,4 @@
-"""A linear least-squares problem solved along its directions: what is known, and how well."""
+"""The solution of a linear least-squares problem by directions: which are known, and how well."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from armd.arrays import F64, Mask
 
-#: A direction's sum of squares below this, relative to the largest, is rounding. Hardly anything
-#: with a noise comes near: 1 µm in 20 000 readings, and a tenth of a departure, are 4e-12.
+#: A direction's sum of squares below this, relative to the largest, is rounding. Data with noise
+#: hardly come near: 1 µm in 20 000 readings, and a tenth of a departure, are 4e-12.
 ROUNDING = 1e-12
 #: A direction known worse than a tenth of its plausible departure is not known.
 LEAST_KNOWN = 10.0
@@ -21,8 +21,8 @@ class Solution:
 
     step: F64  # (C,) in the unknowns' own units
     singular_values: F64  # (C,) of the whitened columns, descending
-    is_known: Mask  # (C,) which directions are known
-    prior: Mask  # (C,) along which the drawing counts as one more reading
+    is_known: Mask  # (C,) directions that are known
+    prior: Mask  # (C,) directions along which the nominal values count as one more reading
     directions: F64  # (C, C) columns: directions in scaled unknowns
     scale: F64  # (C,) plausible departures
     gain: float  # by how much the sum of squares falls, to first order
@@ -33,24 +33,24 @@ class Solution:
 
     @property
     def null(self) -> F64:
-        """(C, C − rank) directions the readings do not know, in plausible departures."""
+        """The directions (C, C − rank) that readings do not determine, in plausible departures."""
         return self.directions[:, ~self.is_known]
 
     @property
     def effective_rank(self) -> float:
-        """How many unknowns the readings told, by the share they had in each beside the drawing."""
+        """The number of unknowns that the readings determined, by their shares beside the prior."""
         curvature = self.singular_values**2
         shares = curvature[curvature > 0] / (curvature + self.prior)[curvature > 0]
         return float(shares.sum())
 
     def off_drawing(self, departure: F64) -> float:
-        """What a *departure* (C,) from the drawing costs along directions that lean on it."""
+        """Return the cost of a *departure* (C,) along directions with the nominal prior."""
         along = self.directions[:, self.prior].T @ (departure / self.scale)
         return float(along @ along)
 
     @property
     def known_step(self) -> F64:
-        """(C,) the step along what is known, nothing beside it."""
+        """The step (C,) along known directions only."""
         known_directions = self.directions[:, self.is_known]
         step: F64 = self.scale * (
             known_directions @ (known_directions.T @ (self.step / self.scale))
@@ -59,7 +59,7 @@ class Solution:
 
     @property
     def root(self) -> F64:
-        """(C, C) R with R Rᵀ the covariance, what moves no point included."""
+        """The matrix R (C, C) with R Rᵀ the covariance, directions that move no point included."""
         root: F64 = self.scale[:, None] * self.directions / np.sqrt(self._curvature)
         return root
 
@@ -69,13 +69,14 @@ class Solution:
         return curvature
 
     def compute_known_covariance(self) -> F64:
-        """(C, C) covariance of what is known alone, in the unknowns' own units."""
+        """Return the covariance (C, C) of the known directions alone, in the unknowns' units."""
         return self._covariance(self.directions[:, self.is_known], self.is_known)
 
     def covariance(self, gauge: F64) -> F64:
-        """(C, C) in the unknowns' own units; zero along *gauge* (C, k), which moves no point.
+        """Return the covariance (C, C) in the unknowns' own units, zero along *gauge* (C, k).
 
-        What the readings do not know is as uncertain as a plausible departure, not certain.
+        The gauge moves no point. Other directions that the readings do not determine are as
+        uncertain as a plausible departure, not certain.
         """
         without_gauge = self.directions - gauge @ (gauge.T @ self.directions)
         return self._covariance(without_gauge, np.ones_like(self.is_known))
@@ -90,8 +91,10 @@ class Solution:
 def solve_with_prior(
     gram: F64, side: F64, scale: F64, drawn: F64, damping: float = 0.0, along_all: bool = False
 ) -> Solution:
-    """What `LinearModel.solve_with_prior` says, from products (C, C) of the columns and (C,) with a
-    residual; *scale* (C,): plausible departures."""
+    """Solve as `LinearModel.solve_with_prior`, from products of columns (C, C) and residual (C,).
+
+    *scale* (C,): plausible departures.
+    """
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
     curvature, directions = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
     largest = float(curvature.max(initial=0.0))

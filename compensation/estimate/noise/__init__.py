@@ -1,1 +1,1 @@
-"""How noisy a reading is, what copies of a posture share, and what of readings far off is done."""
+"""The noise of readings, errors that copies of a posture share, and the treatment of outliers."""

@@ -1,4 +1,4 @@
-"""How noisy one reading is, found from the residuals themselves.
+"""The noise of one reading, estimated from the residuals.
 
 Model: covariance of a reading = σ_q² J_q J_qᵀ + σ_r² I, with J_q the tip's motion per encoder
 angle. The encoders' share grows with reach, so readings far out count for less.
@@ -20,32 +20,34 @@ from armd.compensation.model.row_algebra import compute_stretched_covariance, co
 
 @dataclass(frozen=True)
 class ReadingNoise:
-    """Standard deviations of one reading: each encoder's, and per axis of the tip."""
+    """Standard deviations of one reading: of each encoder, and of the tip per axis."""
 
     encoder_rad: float
     reading_mm: float
-    turn_mm: float = 0.0  # of an orientation, at its lever
+    turn_mm: float = 0.0  # of an orientation, times its lever
 
     def covariance(self, joint_columns: F64, turned: Mask | None = None) -> F64:
-        """Covariance (n, 3, 3) mm² of readings, from d tip / d angle (n, 3, N) mm/rad; *turned*
-        (n,): those that are orientations."""
+        """Return the covariance (n, 3, 3) mm² of readings, from d tip / d angle (n, 3, N) mm/rad.
+
+        *turned* (n,): those that are orientations.
+        """
         shape = joint_columns @ joint_columns.transpose(0, 2, 1)
         own_mm = self.own_mm(len(shape), turned)[:, None, None]
         covariance: F64 = self.encoder_rad**2 * shape + own_mm**2 * np.eye(3)
         return covariance
 
     def own_mm(self, n: int, turned: Mask | None) -> F64:
-        """Standard deviations (n,) per axis that readings have beside those of the encoders."""
+        """Return the standard deviations (n,) per axis of readings apart from the encoders'."""
         if turned is None or not turned.any():
             return np.full(n, self.reading_mm)
         return np.where(turned, self.turn_mm, self.reading_mm)
 
     def compute_typical_mm(self, joint_columns: F64, freedom: I64 | int = 3) -> float:
-        """Per-axis standard deviation over all readings (rms); *freedom* (n,): their axes."""
+        """Return the RMS standard deviation per axis of all readings; *freedom* (n,): axes."""
         return float(np.sqrt(np.mean(self._compute_squares(joint_columns, freedom) / freedom)))
 
     def distance_mm(self, joint_columns: F64, freedom: I64 | int = 3) -> float:
-        """RMS distance from the target over all readings; *freedom* (n,): their axes."""
+        """Return the RMS distance from the target of all readings; *freedom* (n,): axes."""
         return float(np.sqrt(np.mean(self._compute_squares(joint_columns, freedom))))
 
     def _compute_squares(self, joint_columns: F64, freedom: I64 | int) -> F64:
@@ -56,19 +58,20 @@ class ReadingNoise:
 
 @dataclass(frozen=True)
 class Weighting:
-    """How a round weighs its readings: noise of the angles, held while the constants move.
+    """The weights of one round: noise of the angles, fixed while the constants move.
 
-    What a reading's noise is in mm follows the levers, the repeatability of a point as well: the
-    angles answered to where the ball lay. So an arm of another size weighs its scatter alike.
+    A reading's noise in mm scales with the levers, the repeatability of a point as well. In the
+    fit, the angles are adjusted to the point where the ball was. So an arm of another size weights
+    its scatter alike.
     """
 
     noise: ReadingNoise
-    joints: F64  # (n, 3, N) mm/rad where the noise was found
+    joints: F64  # (n, 3, N) mm/rad where the noise was estimated
     weight: F64  # (n,) robust weights
     turned: Mask | None = None  # (n,) orientations
 
     def compute_whitening(self, joints: F64) -> F64:
-        """W (n, 3, 3) at levers d tip / d angle (n, 3, N)."""
+        """Return W (n, 3, 3) at levers d tip / d angle (n, 3, N)."""
         own_mm = self.noise.own_mm(len(joints), self.turned)
         covariance = compute_stretched_covariance(
             joints, self.joints, self._backwards, self.noise.encoder_rad**2, own_mm**2
@@ -81,7 +84,7 @@ class Weighting:
 
 
 def make_whitening(covariance: F64, weight: F64) -> F64:
-    """W (n, 3, 3) with WᵀW = weight · covariance⁻¹, from covariances (n, 3, 3), weights (n,)."""
+    """Return W (n, 3, 3) with WᵀW = weight (n,) · covariance⁻¹ (n, 3, 3)."""
     return compute_whitening(covariance, weight)
 
 
@@ -94,14 +97,15 @@ def estimate_noise(
     counts: F64 | None = None,
     freedom: I64 | None = None,
 ) -> ReadingNoise:
-    """Most likely noise for residuals (n, 3), outliers set aside but those of a *region* (n,).
+    """Estimate the noise by maximum likelihood from residuals (n, 3), without outliers.
 
-    *whiten* (n, 3, 3) is what the fit weighed by, *residual_share* (n, 3, 3) what it left of each
-    whitened reading. Restricted maximum likelihood: a component counts as the share of it that is
-    left, and where noise and weights agree, after some rounds, this is its gradient
-    (docs/decisions/0025). *counts* (n,): how much each reading counts, copies of a posture together
-    as one or more. *freedom* (n,): 1 of a reading on a surface, whose columns lie along its normal,
-    else 3.
+    Outliers in a *region* (n,) are used. *whiten* (n, 3, 3) is the whitening of the fit,
+    *residual_share* (n, 3, 3) the share that the fit left of each whitened reading. The likelihood
+    is restricted: a component counts as the share of it that is left. Where noise and weights
+    agree, after some rounds, this is the gradient of the restricted likelihood
+    (docs/decisions/0025). *counts* (n,): the weight of each reading, copies of a posture together
+    as one or more. *freedom* (n,): 1 for a reading on a surface, whose columns lie along its
+    normal, else 3.
     """
     counts = np.ones(len(residual_mm)) if counts is None else counts
     shape = joint_columns @ joint_columns.transpose(0, 2, 1)
@@ -112,8 +116,8 @@ def estimate_noise(
     axes = whiten @ vector
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     share_left = np.clip(np.einsum("nij,nik,nkj->nj", axes, residual_share, axes), 0.0, 1.0)
-    share_left = np.maximum(share_left - (1.0 - counts)[:, None], 0.0)  # counts less the fitted
-    if freedom is not None:  # the levers move along the normal, which comes last
+    share_left = np.maximum(share_left - (1.0 - counts)[:, None], 0.0)  # counts − fitted share
+    if freedom is not None:  # levers lie along the normal, the last eigenvector
         share_left[freedom == 1, :2] = 0.0
     counted2 = turned2 * counts[:, None]
     inliers = ~find_far_off(turned2.sum(axis=1), LEAST_MM**2, freedom) | region
@@ -122,7 +126,7 @@ def estimate_noise(
     inlier_freedom = max(float(inlier_share.sum()), 1.0)
 
     def scaled(log_ratio: float, value: F64) -> F64:
-        """Variances (n, 3) up to one common factor; encoders' share of it = ratio / (1+ratio)."""
+        """Return variances (n, 3) up to one factor; encoders' share = ratio / (1 + ratio)."""
         share = 1.0 / (1.0 + np.exp(-log_ratio))
         result: F64 = share * value / typical + (1.0 - share)
         return result
@@ -150,9 +154,11 @@ def estimate_noise(
 def estimate_turn_noise(
     noise: ReadingNoise, residual_mm: F64, joint_columns: F64, residual_share: F64, counts: F64
 ) -> ReadingNoise:
-    """*noise* with that of orientations, by residuals (n, 3) and *residual_share* (n, 3, 3) as
-    `estimate_noise` has them: what their squares exceed that of the encoders by, those far off set
-    aside."""
+    """Return *noise* with the noise of orientations, from residuals (n, 3) without outliers.
+
+    *residual_share* (n, 3, 3) is as in `estimate_noise`. The orientations' own variance is the
+    excess of their mean square over the encoders' part.
+    """
     distance2 = np.sum(residual_mm**2, axis=1)
     inliers = ~find_far_off(distance2, LEAST_MM**2)
     share = np.trace(residual_share, axis1=1, axis2=2) - 3.0 * (1.0 - counts)

@@ -1,15 +1,15 @@
-"""What is done with readings far off, in one place: three questions, three rules.
+"""The treatment of readings far off, in one place: two weights and one test.
 
-*How much does a reading count in a fit?* `compute_redescending_weights`, where the fit begins far
-from the truth (`armd calibrate`): beyond one in 10 000 its pull falls off as 1/d, so that a reading
-gone wrong is let go. `compute_huber_weights`, where the fit is near (`armd diagnose`): its pull
-stays what it is at the edge, so that a cause which few rests show is not taken for their going
-wrong. *Is it an outlier, by name?* `select_outliers`, the one judge of both: whether the noise's
-own tails explain it.
+*Weight in a fit.* `compute_redescending_weights` is used where the fit begins far from the truth
+(`armd calibrate`). Beyond one in 10 000 the pull of a reading falls off as 1/d, so that a wrong
+reading loses its influence. `compute_huber_weights` is used where the fit is near (`armd
+diagnose`). The pull stays as at the edge, so that a cause which few rests show is not taken for
+wrong readings. *Outlier or not.* `select_outliers` decides for both, by whether the noise's own
+tails explain a reading.
 
-All are of the distance of a reading's three components together, in units of its noise: a χ² of
-three degrees of freedom where the noise is normal. A reading on a surface has one component; its
-distance is stretched to that of three components of the same probability.
+All use the distance of a reading's three components together, in units of its noise: a χ² of three
+degrees of freedom where the noise is normal. A reading on a surface has one component; its distance
+is stretched to that of three components of the same probability.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ from armd.arrays import F64, I64, Mask
 # Quantiles of χ² with three degrees of freedom: one in 10 000 above, and one in two.
 DOWNWEIGHT_CHI2 = 2.0 * float(gammaincinv(1.5, 1 - 1e-4))
 MEDIAN_CHI2 = 2.0 * float(gammaincinv(1.5, 0.5))
-#: The same of one component: a reading on a surface.
+#: These quantiles for one component: a reading on a surface.
 DOWNWEIGHT_CHI2_1D = 2.0 * float(gammaincinv(0.5, 1 - 1e-4))
 MEDIAN_CHI2_1D = 2.0 * float(gammaincinv(0.5, 0.5))
-#: Beyond this squared distance of one component no probability can be written down.
+#: Beyond this squared distance of one component the probability underflows.
 LARGEST_CHI2 = 500.0
-#: Beyond this many standard deviations of a rest's three components a residual counts as its edge:
-#: one in eighty does, where the noise is normal.
+#: A residual beyond this many standard deviations of a rest's three components is clipped to it:
+#: one in eighty is, where the noise is normal.
 WINSOR_AT = 3.3
-#: One reading so many times farther off than the middle one moves its whole placement by several
-#: noises, and clipping comes back by a few noises at a time: 100 times is mended by it, 10 000
-#: times is not. A target taken for its neighbour is 10 000 to 100 000 times off.
+#: One reading so many times farther off than the median moves its whole placement by several times
+#: the noise. Clipping corrects a few times the noise in each round: 100 times is corrected, 10 000
+#: times is not. A target mistaken for its neighbour is 10 000 to 100 000 times off.
 MONSTROUS = 300.0
-#: What it is of the middle one where it has moved that, too: one of thirty readings, of one pose.
+#: The ratio to the median where that reading moved the median, too: one of thirty, in one pose.
 SUSPECT = 10.0
-#: No reading is better than this (mm): a count of 23 bits at one metre is seven times as much.
-#: Readings without any noise would make everything look known; see docs/decisions/0023.
+#: No reading counts as better than this (mm): a count of 23 bits at one metre is seven times as
+#: much. Readings without any noise would make everything look known; see docs/decisions/0023.
 LEAST_MM = 1e-4
 
 FALSE_OUTLIER_P = 1e-3  # chance of one false outlier in a whole data set
 HEAVIEST, LIGHTEST = 2.0, 30.0  # degrees of freedom of the tails
-MIDDLE, EDGE = 0.50, 0.97  # quantiles that tell how heavy they are
-#: From here on the bulk is normal. Below, a sum of several heavy-tailed errors is heavier far
-#: out than its bulk says, by about this factor in the degrees of freedom.
+MIDDLE, EDGE = 0.50, 0.97  # quantiles from which the tails are estimated
+#: From so many degrees of freedom on, the bulk is normal. Below, a sum of several heavy-tailed
+#: errors has heavier tails than its bulk shows, by about this factor in the degrees of freedom.
 NORMAL, FAR_OUT = 15.0, 0.4
 MOST_SHARE = 0.05  # more rests than this are not single readings
 #: The sizes of power-law tails fall off no faster than with this exponent.
@@ -53,15 +53,17 @@ TAIL_INDEX = 3.0
 
 
 def compute_mahalanobis2(residual_mm: F64, covariance: F64) -> F64:
-    """Squared Mahalanobis distances (n,) of residuals (n, 3)."""
+    """Return the squared Mahalanobis distances (n,) of residuals (n, 3)."""
     solved = np.linalg.solve(covariance, residual_mm[:, :, None])[:, :, 0]
     distance: F64 = np.einsum("ni,ni->n", residual_mm, solved)
     return distance
 
 
 def to_three_components(distance2: F64, freedom: I64) -> F64:
-    """Squared distances (n,) of three components that are as improbable as *distance2* (n,) of
-    *freedom* (n,) components, 1 or 3."""
+    """Return squared distances (n,) of three components that are as improbable as *distance2* (n,).
+
+    *freedom* (n,): its numbers of components, 1 or 3.
+    """
     if not (freedom == 1).any():
         return distance2
     limited2 = np.minimum(distance2, LARGEST_CHI2)
@@ -71,13 +73,13 @@ def to_three_components(distance2: F64, freedom: I64) -> F64:
 
 
 def compute_redescending_weights(distance2: F64, region: Mask) -> F64:
-    """Weights (n,) of squares, from squared distances; *region* counts fully, however far off."""
+    """Return weights (n,) of squares from squared distances; a *region* always has full weight."""
     weight = np.minimum(1.0, DOWNWEIGHT_CHI2 / np.maximum(distance2, 1e-300))
     return np.where(region, 1.0, weight)
 
 
 def find_monstrous(residual_mm: F64, times: float = MONSTROUS) -> Mask:
-    """(n,) which of residuals (n, 3) mm are so many *times* the middle one."""
+    """Find which (n,) of residuals (n, 3) mm are over so many *times* the median one."""
     off_mm = np.linalg.norm(residual_mm, axis=1)
     usual_mm = max(float(np.median(off_mm)), LEAST_MM) if len(off_mm) else np.inf
     is_monstrous: Mask = off_mm > times * usual_mm
@@ -85,29 +87,36 @@ def find_monstrous(residual_mm: F64, times: float = MONSTROUS) -> Mask:
 
 
 def compute_huber_weights(size: F64, edge: float = WINSOR_AT) -> F64:
-    """Weights (n,) of squares, from distances *size* (n,): by what a residual is shortened that
-    counts as its edge."""
+    """Return weights (n,) from distances *size* (n,), which shorten residuals to the edge."""
     weights: F64 = edge / np.maximum(size, max(edge, 1e-12))
     return weights
 
 
 def compute_huber_loss(size: F64, stretch: F64 | float = 1.0) -> float:
-    """Huber's loss of distances (n,): half the square, and a straight line from the edge on; of
-    those that a *stretch* (n,) has brought to one edge, as it would be at their own."""
+    """Return Huber's loss of distances (n,): half the square, and linear beyond the edge.
+
+    Distances that a *stretch* (n,) has brought to one edge count as they would at their own.
+    """
     within = np.minimum(size, WINSOR_AT)
     return float((within * (size - 0.5 * within) / stretch**2).sum())
 
 
 def compute_edge_stretch(freedom: I64) -> F64:
-    """By what distances (n,) of *freedom* (n,) components, 1 or 3, are multiplied so that those as
-    improbable as `WINSOR_AT` of three components stand there."""
+    """Return the factors (n,) that bring distances of 1 or 3 components to one edge.
+
+    *freedom* (n,): their components. A distance as improbable as `WINSOR_AT` of three components
+    becomes `WINSOR_AT`.
+    """
     edge2 = 2.0 * float(gammainccinv(0.5, float(gammaincc(1.5, WINSOR_AT**2 / 2.0))))
     return np.where(freedom == 1, WINSOR_AT / np.sqrt(edge2), 1.0)
 
 
 def find_far_off(distance2: F64, least2: float, freedom: I64 | None = None) -> Mask:
-    """Squared distances (n,) beyond that of one normal reading in 10 000, the median telling what
-    is usual, and beyond *least2*; of *freedom* (n,) components, 1 or 3, None: 3 of each."""
+    """Find squared distances (n,) beyond that of one normal reading in 10 000.
+
+    The median determines the scale. A distance must also be beyond *least2*. *freedom* (n,): the
+    components, 1 or 3; None: 3 each.
+    """
     threshold2 = (
         DOWNWEIGHT_CHI2
         if freedom is None
@@ -120,19 +129,21 @@ def find_far_off(distance2: F64, least2: float, freedom: I64 | None = None) -> M
 
 
 def compute_usual_square(distance2: F64, freedom: I64 | None = None) -> float:
-    """Variance of one component by the median of squared distances (n,) of *freedom* (n,)
-    components, 1 or 3, None: 3 of each."""
+    """Return the variance of one component by the median of squared distances (n,).
+
+    *freedom* (n,): their components, 1 or 3; None: 3 each.
+    """
     if freedom is None:
         return float(np.median(distance2)) / MEDIAN_CHI2
     return float(np.median(distance2 / np.where(freedom == 1, MEDIAN_CHI2_1D, MEDIAN_CHI2)))
 
 
 def select_outliers(distance2: F64, region: Mask) -> tuple[I64, float]:
-    """Which of squared distances (n,) no tail explains, and the smallest family-wise p.
+    """Select the squared distances (n,) that no tail explains, with the smallest p.
 
-    Two looks: each against the tail of the others, and a gap in the ordered sizes that no tail
-    leaves (several outliers of one kind hide from the first). What stands among its like, a
-    *region* (n,), takes no part.
+    The p is family-wise. There are two tests: each distance against the tail of the others, and a
+    gap in the ordered sizes that no tail leaves (several outliers of one kind hide from the first
+    test). Readings in a *region* (n,) are not tested.
     """
     candidate_rows = np.flatnonzero(~region)
     candidate_distance2 = distance2[candidate_rows]
@@ -148,8 +159,11 @@ def select_outliers(distance2: F64, region: Mask) -> tuple[I64, float]:
 
 
 def _find_beyond_tail(candidate_distance2: F64) -> tuple[I64, float]:
-    """The squared norm of three components with Student tails is 3 s² F(3, ν); s and ν come from
-    the bulk, so that the outliers do not speak for themselves."""
+    """Find outliers beyond a Student tail fitted to the bulk, and the smallest p.
+
+    The squared norm of three components with Student tails is 3 s² F(3, ν); s and ν come from the
+    bulk, so that outliers do not influence them.
+    """
     middle, edge = np.quantile(candidate_distance2, [MIDDLE, EDGE])
     tails = _solve_freedom(float(edge / middle))
     tails = LIGHTEST if tails > NORMAL else max(HEAVIEST, FAR_OUT * tails)
@@ -159,8 +173,11 @@ def _find_beyond_tail(candidate_distance2: F64) -> tuple[I64, float]:
 
 
 def _find_beyond_gap(size: F64) -> tuple[I64, float]:
-    """In a power-law tail of index a, k·a·log(x_k / x_k+1) of the ordered sizes is exponential
-    (Rényi): a gap far too wide for that parts another population from the tail."""
+    """Find outliers beyond a gap in the ordered sizes, and its p.
+
+    In a power-law tail of index a, k·a·log(x_k / x_k+1) of the ordered sizes is exponential
+    (Rényi). A gap far too wide for that separates another population from the tail.
+    """
     order = np.argsort(-size)
     most_outliers = int(MOST_SHARE * len(size))
     if most_outliers < 1:
@@ -174,7 +191,7 @@ def _find_beyond_gap(size: F64) -> tuple[I64, float]:
 
 
 def _solve_freedom(ratio: float) -> float:
-    """Degrees of freedom ν at which the two quantiles of F(3, ν) stand in this *ratio*."""
+    """Return the degrees of freedom ν at which the two quantiles of F(3, ν) have this *ratio*."""
 
     def excess(log_tails: float) -> float:
         tails = np.exp(log_tails)

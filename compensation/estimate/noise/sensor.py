@@ -1,4 +1,4 @@
-"""How much a temperature sensor scatters from reading to reading, as the sessions show it."""
+"""The noise of a temperature sensor from reading to reading, estimated from the sessions."""
 
 from __future__ import annotations
 
@@ -9,22 +9,21 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.state import States
 
-#: Share of the residuals that counts: the rest may be steps of the true temperature (a table that
-#: has one value for each placement). Of a normal distribution it holds this share of the variance.
+#: Share of the residuals that is used: the rest may be steps of the true temperature (a table that
+#: has one value for each placement). In a normal distribution it has this share of the variance.
 KEPT, KEPT_VARIANCE = 0.9, 0.623
-#: Fewer residuals tell nothing.
+#: With fewer residuals the noise is not estimated.
 LEAST = 10
-#: Readings further apart than this say nothing of each other.
+#: Readings further apart than this, in seconds, are not compared.
 SPAN_S = 1800.0
 
 
 def estimate_sensor_noise_c(states: States, sensors: Iterable[int]) -> float:
-    """Standard deviation of one reading in °C, of the worst of *sensors* (columns); 0 if the
-    readings do not show any.
+    """Return the standard deviation of one reading in °C, of the worst of *sensors* (columns).
 
-    A true temperature runs nearly straight over three readings in a row, so what the middle one is
-    off that line is noise, of variance (1 + w² + (1 − w)²) σ² for the weights w and 1 − w of its
-    neighbours.
+    It is 0 if the readings do not show any. A true temperature is nearly linear over three readings
+    in a row. So the deviation of the middle one from that line is noise, of variance (1 + w² + (1 −
+    w)²) σ² for the weights w and 1 − w of its neighbours.
     """
     return max((_estimate_noise_c(states, sensor) for sensor in sensors), default=0.0)
 

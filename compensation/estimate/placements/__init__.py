@@ -1,1 +1,1 @@
-"""Where the artefact stood: poses and free targets, fitted or eliminated."""
+"""Poses of the artefact and free targets, fitted or eliminated."""

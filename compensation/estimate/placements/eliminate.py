@@ -1,7 +1,7 @@
-"""Placements and free targets of sessions eliminated from their problem, many sessions at once.
+"""Elimination of placements and free targets from the problem of many sessions at once.
 
-A row touches one target only. So products with targets are sums over the rows of each target, and
-the sessions of a batch, alike in their number of free targets, are solved as one stack of matrices.
+A row touches one target only. So products with targets are sums over the rows of each target. The
+sessions of a batch have equally many free targets and are solved as one stack of matrices.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ class SessionColumns:
 
 @dataclass(frozen=True)
 class EliminatedSession:
-    """What a session's p placements and K free targets leave of c other columns."""
+    """The products of c other columns, a session's p placements and K targets eliminated."""
 
     columns: SessionColumns
-    pose_factor: F64  # (p, 6, 6) times its transpose the poses' covariance, all others held
+    pose_factor: F64  # (p, 6, 6) times its transpose the poses' covariance, all others fixed
     pose_projected: F64  # (p, 6, 3 K + c) the factor's transpose times the products with others
     shift_factor: F64  # (3 K, 3 K) likewise of the targets, poses being fitted along
     shift_projected: F64  # (3 K, c)
     rank: int  # degrees of freedom that poses and targets took
-    gram: F64  # (c, c) products of what is left of the others
-    squared_norm: F64  # (c,) squared lengths of the others before
+    gram: F64  # (c, c) products of the others after elimination
+    squared_norm: F64  # (c,) squared lengths of the others before elimination
 
     @classmethod
     def make_weightless(cls, columns: SessionColumns, c: int) -> EliminatedSession:
-        """Of a session whose readings weigh nothing and have no free target: zeros, no copies."""
+        """Make it for a session without weight and without free targets: views of zeros."""
         p, nothing = len(columns.rows), np.zeros(1)
         pose, projected, shift, gram, square = (
             np.broadcast_to(nothing, shape) for shape in ((p, 6, 6), (p, 6, c), (0, c), (c, c), c)
@@ -51,18 +51,18 @@ class EliminatedSession:
 
     @property
     def following(self) -> F64:
-        """(3 K, c) how the targets' shifts follow amplitudes of the others."""
+        """The derivative (3 K, c) of the targets' shifts by amplitudes of the others."""
         return -self.shift_factor @ self.shift_projected
 
     def follow(self, amplitudes: F64) -> tuple[F64, F64]:
-        """Twists (p, 6) and shifts (3 K,) that answer *amplitudes* (c,) of the others."""
+        """Return the best twists (p, 6) and shifts (3 K,) for *amplitudes* (c,) of the others."""
         shifts = -self.shift_factor @ (self.shift_projected @ amplitudes)
         along = self.pose_projected @ np.append(shifts, amplitudes)
         return -np.einsum("pij,pj->pi", self.pose_factor, along), shifts
 
 
 def split_into_batches(sessions: Sequence[SessionColumns], c: int) -> list[list[SessionColumns]]:
-    """*sessions* in batches alike in their number of free targets, none of them large."""
+    """Split *sessions* into batches with equally many free targets, none of them large."""
     batches: list[list[SessionColumns]] = []
     numbers = 0
     for session in sorted(sessions, key=lambda session: len(session.targets)):
@@ -84,10 +84,10 @@ def eliminate(
 ) -> list[EliminatedSession]:
     """Eliminate poses, then targets, of a batch of *sessions*.
 
-    *whitened* gives columns (m, 3, 6 + c) of rows (m,), poses first, and their targets' (m, 3, 3).
-    *touched* (n,): each row's target among its session's free ones, -1 if it is not free.
-    *certified* gives of a session's number rows (E, 3 K) of its targets and misses (E,), which
-    count as the last column.
+    *whitened* returns, for rows (m,), columns (m, 3, 6 + c) with poses first, and their targets'
+    columns (m, 3, 3). *touched* (n,): each row's target among its session's free ones, -1 if it is
+    not free. *certified* returns, for a session's number, rows (E, 3 K) of its targets and
+    residuals (E,), which count in the last column.
     """
     parts = [rows for session in sessions for rows in session.rows.values()]
     counts = [len(session.rows) for session in sessions]
@@ -129,7 +129,7 @@ def eliminate(
         of_targets[s] -= by_targets.T @ by_targets
         meeting[s] -= by_targets.T @ by_others
         reduced[s] -= by_others.T @ by_others
-        if certified:  # no yardstick of what the readings tell of a target
+        if certified:  # not part of `shift_unit`, which is by the readings alone
             certificate, missed = certified(session_columns.number)
             of_targets[s] += certificate.T @ certificate
             meeting[s, :, -1] += missed @ certificate
@@ -150,8 +150,10 @@ def eliminate(
 
 
 def _sum_by_target(columns: F64, of_target: F64, part: I64, slot: I64) -> tuple[F64, I64, I64]:
-    """Products (g, 3, 3 + 6 + c) of each target's columns with themselves and all others, summed
-    over the rows of one *part* (m,) and *slot* (m,); and of each of these sums its part and slot.
+    """Sum products (g, 3, 3 + 6 + c) of each target's columns with themselves and all others.
+
+    A sum is over the rows of one *part* (m,) and *slot* (m,). The part and slot of each sum are
+    returned, too.
     """
     starts = np.flatnonzero(np.r_[True, (np.diff(part) != 0) | (np.diff(slot) != 0)])
     counts = np.diff(np.append(starts, len(part)))
@@ -159,7 +161,7 @@ def _sum_by_target(columns: F64, of_target: F64, part: I64, slot: I64) -> tuple[
     starts, counts = starts[is_free], counts[is_free]
     stacked = np.concatenate([of_target, columns], axis=2)
     sums = np.empty((len(starts), 3, stacked.shape[2]))
-    for count in np.unique(counts).tolist():  # targets with as many rows each: one stack
+    for count in np.unique(counts).tolist():  # targets with equally many rows form one stack
         alike = counts == count
         rows = stacked[starts[alike, None] + np.arange(count)].reshape(
             -1, 3 * count, stacked.shape[2]
@@ -169,14 +171,17 @@ def _sum_by_target(columns: F64, of_target: F64, part: I64, slot: I64) -> tuple[
 
 
 def _compute_unit(squared_norm: F64) -> F64:
-    """(s,) the largest squared length of columns (s, m); a column that is zero counts as 1."""
+    """Return the largest squared length (s,) of columns (s, m); a zero column counts as 1."""
     lengths = np.where(squared_norm > 0.0, squared_norm, 1.0)
     return lengths.max(axis=1, initial=0.0) if lengths.shape[1] else np.ones(len(lengths))
 
 
 def _factorise(matrices: F64, unit: F64) -> tuple[F64, I64]:
-    """F (s, m, m) with F Fᵀ the inverse of *matrices* (s, m, m) along what is known of each beside
-    its *unit* (s,), columns of zeros beside these; and how many directions are known (s,)."""
+    """Return F (s, m, m) with F Fᵀ the inverse of *matrices* (s, m, m) along known directions.
+
+    Directions are known relative to the *unit* (s,) of each matrix; other columns are zero. The
+    number (s,) of known directions is returned, too.
+    """
     scaled = matrices / unit[:, None, None]
     factors = np.zeros_like(scaled)
     ranks = np.zeros(len(scaled), dtype=np.int64)

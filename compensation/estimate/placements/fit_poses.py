@@ -1,4 +1,4 @@
-"""Fits poses and unknown seats to the tip's positions, by least squares or against outliers."""
+"""Fits of poses and unknown seats to the tip's positions, by least squares or robustly."""
 
 from __future__ import annotations
 
@@ -21,15 +21,18 @@ from armd.compensation.estimate.placements.rigid_motions import fit_by_kabsch, s
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.estimate.surfaces import fit_each_surface, project_on_normals
 
-#: Weighed anew so often, one reading in ten that is far off moves a pose no more.
+#: After so many reweightings, one reading in ten that is far off no longer moves a pose.
 ROBUST_ROUNDS = 4
-#: Half of an arm's readings are never so far off under a calibration of this arm.
+#: The median reading is never so far off under a calibration of this arm.
 FOREIGN_MM = 1.0
 MOST_STEPS, FOREIGN_STEPS = 50, 5
 
 
 def fit_steady_poses(observations: Observations, position_mm: F64) -> Poses:
-    """Those of `fit_poses`, or of `fit_robust_poses` where a reading is monstrously far off."""
+    """Return the poses of `fit_poses`, or robust ones if a reading is monstrously far off.
+
+    The robust ones are those of `fit_robust_poses`.
+    """
     poses = fit_poses(observations, position_mm)
     if find_monstrous(poses.residual(observations, position_mm), SUSPECT).any():
         steady, _ = fit_robust_poses(observations, position_mm)
@@ -41,14 +44,15 @@ def fit_steady_poses(observations: Observations, position_mm: F64) -> Poses:
 def fit_robust_poses(
     observations: Observations, position_mm: F64, roughly: bool = False
 ) -> tuple[Poses, F64]:
-    """Poses that few readings far off hardly move (Cauchy's weights), and (n,) mm of each reading
-    from its target there.
+    """Fit poses that few readings far off hardly move (Cauchy's weights).
+
+    Returns the distances (n,) mm of each reading from its target, too.
 
     *roughly*: where half of the readings are FOREIGN_MM off, as under another arm's calibration, a
-    round takes a few steps from where the last one ended; a descent to the last digit takes fifty.
+    round takes a few steps from the end of the last round. A descent to the last digit takes fifty.
     """
     weight = np.ones(observations.n)
-    begun = observations.on_surface.any()  # to begin with a surface costs
+    begun = observations.on_surface.any()  # a new start costs much with surfaces
     start, steps = None, MOST_STEPS
     roughly = roughly and not begun and not observations.turned.any()
     if roughly:
@@ -68,7 +72,7 @@ def fit_robust_poses(
 
 
 def _choose_rough_start(poses: Poses, distance_mm: F64) -> tuple[Poses | None, int]:
-    """Where a rough round begins, and how many steps it takes."""
+    """Return the start of a rough round, and its largest number of steps."""
     is_foreign = float(np.median(distance_mm)) > FOREIGN_MM
     return (poses, FOREIGN_STEPS) if is_foreign else (None, MOST_STEPS)
 
@@ -85,10 +89,10 @@ def fit_poses(
     start: Poses | None = None,
     most_steps: int = MOST_STEPS,
 ) -> Poses:
-    """Least-squares poses, and unknown seats, for tip positions (n, 3) mm in the base frame.
+    """Fit poses and unknown seats by least squares to tip positions (n, 3) mm in the base frame.
 
-    Certified positions count as exact here; certified distances are not used. *weight* (n,) of
-    the readings; *start*: poses near by, where there are.
+    Certified positions count as exact here; certified distances are not used. *weight* (n,) of the
+    readings; *start*: poses near by, where they are known.
     """
     weight = np.ones(observations.n) if weight is None else weight
     surfaces = observations.on_surface.any()
@@ -110,7 +114,7 @@ def fit_poses(
 
 
 def _fit_surfaces(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
-    """*poses* with those of the surfaces, each fitted by itself."""
+    """Return *poses* with those of the surfaces, each fitted by itself."""
     surface_fits = fit_each_surface(
         observations, position_mm, poses.rotation, poses.translation_mm, poses.target_mm
     )
@@ -123,7 +127,7 @@ def _fit_surfaces(observations: Observations, position_mm: F64, poses: Poses) ->
 
 
 def _fit_bodies(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
-    """*poses* with the mean rotation of each measured body against the last frame."""
+    """Return *poses* with the mean rotation of each measured body against the last frame."""
     rows = np.flatnonzero(observations.turned)
     frame = Rotation.from_rotvec(position_mm[rows] / TURN_MM).as_matrix()
     turns = frame.transpose(0, 2, 1) @ poses.measured(observations, rows)
@@ -134,16 +138,16 @@ def _fit_bodies(observations: Observations, position_mm: F64, poses: Poses) -> P
 
 
 def _find_touched_seats(observations: Observations) -> Mask:
-    """(K,) unknown targets, surfaces among them, that a reading without its own truth touches."""
+    """Find unknown targets (K,), also surfaces, that a reading without own truth touches."""
     touched = np.zeros(len(observations.target_names), dtype=bool)
     touched[observations.target[~observations.has_truth]] = True
     return touched & observations.unknown
 
 
 def _make_start(observations: Observations, position_mm: F64, weight: F64) -> Poses:
-    """Poses by Kabsch's method; seats as the mean of what touches them, by turns.
+    """Fit poses by Kabsch's method and seats as the mean of their readings, by alternation.
 
-    Without unknown seats this is the answer; with them it is where Gauss–Newton starts.
+    Without unknown seats this is the solution; with them Gauss–Newton starts here.
     """
     n_placements = len(observations.placement_names)
     target = observations.position_mm.copy()
@@ -180,8 +184,8 @@ def _place_first_seats(
 ) -> None:
     """Give every seat a first position, in place: placement after placement, most shared first.
 
-    A placement whose known points are too few for a pose is taken as it stands: for the first
-    of a session with seats only, that is a choice of the artefact's frame.
+    A placement whose known points are too few for a pose gets one that fits them: for the first of
+    a session with seats only, that is a choice of the artefact's frame.
     """
     for session in range(len(observations.session_names)):
         of_session = observations.session == session
@@ -205,7 +209,7 @@ def _place_first_seats(
 def _take_gauss_newton_step(
     observations: Observations, poses: Poses, position_mm: F64, centre_mm: F64, weight: F64
 ) -> tuple[F64, F64]:
-    """Step of poses (P, 6) and unknown seats (K, 3), of minimum norm."""
+    """Return the step of poses (P, 6) and unknown seats (K, 3), of minimum norm."""
     placed = poses.place_tips(observations, position_mm)
     normal = poses.compute_normals(observations, position_mm)
     return Placements(

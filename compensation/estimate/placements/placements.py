@@ -1,8 +1,8 @@
-"""Placements and free targets fitted along with whatever else readings tell of.
+"""Placements and free targets fitted along with all other columns of a problem.
 
-A session's problem is of the poses of its placements, its free targets, and all other columns.
-Poses are fitted along; the sum over a session's placements, with what is certified, tells its
-targets; they are fitted along, too, and the sum over sessions is the problem of the others alone
+A session's problem has the poses of its placements, its free targets, and all other columns. Poses
+are eliminated first; the sum over a session's placements, with certified values, is the problem of
+its targets. These are eliminated, too, and the sum over sessions is the problem of the others alone
 (variable projection, Golub and Pereyra 1973).
 """
 
@@ -28,30 +28,29 @@ from armd.compensation.estimate.placements.eliminate import (
 )
 
 OTHERS = "others"
-#: Readings a session, from which on its products are worth a thread: below, threads take turns at
-#: the interpreter. Calibrations on two processors, by the clock, in threads and without: 1.3 and
-#: 1.0 s with 100, 10.8 and 8.5 s with 200, 41.6 and 41.9 s with 1600, 51 and 57 s with 4000.
+#: Readings per session from which threads are used: below, threads wait for the interpreter.
+#: Elapsed time of calibrations on two processors, with threads and without: 1.3 and 1.0 s for 100
+#: readings, 10.8 and 8.5 s for 200, 41.6 and 41.9 s for 1600, 51 and 57 s for 4000.
 LARGE = 1600
 
 
 @dataclass(frozen=True)
 class Placements:
-    """The linear problem of *remaining_columns*, c (n, 3, …) mm, poses and free targets fitted
-    along.
+    """The linear problem of *remaining_columns*, poses and free targets being fitted along.
 
-    *whitening* (n, 3, 3): W with WᵀW the inverse covariance of a reading, per mm². *certified*
-    gives of a session whitened rows (E, 3 K) of what is certified about its K free targets, and
-    misses (E,) that count as the last of the others.
+    The columns are c (n, 3, …) mm. *whitening* (n, 3, 3): W with WᵀW the inverse covariance of a
+    reading, per mm². *certified* returns, for a session, whitened rows (E, 3 K) of certified values
+    of its K free targets, and residuals (E,), which count in the last of the others.
     """
 
     observations: Observations
     pose: F64  # (n, 3, 6) mm
-    target: F64  # (n, 3, 3) mm, of each reading's own
+    target: F64  # (n, 3, 3) mm, columns of each reading's own target
     free_targets: I64
-    remaining_columns: Sequence[F64]  # joined placement by placement: all of them are large
+    remaining_columns: Sequence[F64]  # joined placement by placement: together they are large
     whitening: F64
     certified: Callable[[int], tuple[F64, F64]] | None = None
-    full_problem: Placements | None = None  # other readings weighing, too
+    full_problem: Placements | None = None  # a problem in which other readings have weight, too
 
     @cached_property
     def reduced_model(self) -> LinearModel:
@@ -68,12 +67,14 @@ class Placements:
 
     @property
     def rank(self) -> int:
-        """Degrees of freedom that placements and targets took."""
+        """The degrees of freedom that placements and targets took."""
         return sum(session.rank for session in self._sessions.values())
 
     def follow(self, amplitudes: F64, session_numbers: I64 | None = None) -> tuple[F64, F64]:
-        """Twists (p, 6) and target shifts (K, 3) that answer the others' *amplitudes* (c,): least
-        squares, of minimum norm; 0 for all but *session_numbers*, if given."""
+        """Return twists (p, 6) and target shifts (K, 3) that fit the others' *amplitudes* (c,).
+
+        They are least squares, of minimum norm; 0 for all but *session_numbers*, if given.
+        """
         twist = np.zeros((len(self.observations.placement_names), 6))
         shift = np.zeros((len(self.observations.target_names), 3))
         sessions = self._sessions
@@ -85,14 +86,15 @@ class Placements:
         return twist, shift
 
     def compute_shifting(self, session: int) -> F64:
-        """(3 K, c) shifts of a session's K free targets that answer the others' amplitudes, as
-        `follow`."""
+        """Return shifts (3 K, c) of a session's free targets per amplitude, as in `follow`."""
         return self._sessions[session].following
 
     def compute_residual_share(self, root: F64) -> F64:
-        """(n, 3, 3) I − H of each whitened reading, H by how much it pulls its own fit: that of
-        placements, of targets, and of the others, their covariance being *root* (c, r) times its
-        transpose."""
+        """Return the share (n, 3, 3) I − H that the fit leaves of each whitened reading.
+
+        H is the reading's leverage on its own fit: by placements, targets, and the others, whose
+        covariance is *root* (c, r) times its transpose.
+        """
         residual_share = np.tile(np.eye(3), (len(self.whitening), 1, 1))
         for session in self._sessions.values():
             k, shift_factor = 3 * len(session.columns.targets), session.shift_factor
@@ -117,7 +119,7 @@ class Placements:
 
     @cached_property
     def _sessions(self) -> dict[int, EliminatedSession]:
-        """By number, ascending."""
+        """The eliminated sessions by number, ascending."""
         rows = self.observations.rows_by_session
         sessions: dict[int, EliminatedSession] = {}
         if self.full_problem is not None:
@@ -145,7 +147,7 @@ class Placements:
         return {number: sessions[number] for number in rows}
 
     def _is_as_in_full_problem(self, number: int) -> bool:
-        """Whether no reading of a session weighs otherwise in the whole."""
+        """Return whether no reading of a session has another weight in the full problem."""
         if number in self._weighed_otherwise or self.full_problem is None:
             return False
         return np.array_equal(
@@ -154,14 +156,14 @@ class Placements:
 
     @cached_property
     def _weighed_otherwise(self) -> frozenset[int]:
-        """Sessions of which a reading weighs otherwise in the whole."""
+        """The sessions of which a reading has another weight in the full problem."""
         assert self.full_problem is not None
         otherwise = np.any(self.whitening != self.full_problem.whitening, axis=(1, 2))
         return frozenset(np.unique(self.observations.session[otherwise]).tolist())
 
     @property
     def _weightless(self) -> dict[int, SessionColumns]:
-        """Sessions of which no reading weighs anything, and no target is free: left out whole."""
+        """The sessions without weight and without free targets: they are held out whole."""
         weighs = np.bincount(self.observations.session, np.any(self.whitening, axis=(1, 2)))
         return {
             number: SessionColumns(number, rows, targets)
@@ -174,7 +176,7 @@ class Placements:
         return sum(columns.shape[2] for columns in self.remaining_columns)
 
     def list_free_targets(self, session: int) -> I64:
-        """The free targets of a session."""
+        """Return the free targets of a session."""
         return self._targets_by_session.get(session, self.free_targets[:0])
 
     @cached_property
@@ -183,7 +185,7 @@ class Placements:
 
     @cached_property
     def _slot(self) -> I64:
-        """(n,) each row's target among its session's free ones; -1 if it is not free."""
+        """The index (n,) of each row's target among its session's free ones; -1 if not free."""
         place = np.full(len(self.observations.target_names), -1)
         for targets in self._targets_by_session.values():
             place[targets] = np.arange(len(targets))
@@ -191,7 +193,10 @@ class Placements:
         return slot
 
     def _whiten(self, rows: I64) -> tuple[F64, F64]:
-        """Whitened columns (m, 3, 6 + c) of *rows*, poses first, and their targets' (m, 3, 3)."""
+        """Return whitened columns (m, 3, 6 + c) of *rows* and their targets' (m, 3, 3).
+
+        The poses' columns are first.
+        """
         columns = [self.pose[rows], *(block[rows] for block in self.remaining_columns)]
         whitening = self.whitening[rows]
         return whitening @ np.concatenate(columns, axis=2), whitening @ self.target[rows]
@@ -204,7 +209,7 @@ def group_targets(observations: Observations, free_targets: I64) -> dict[int, I6
 
 
 def _multiply(columns: F64, matrix: F64) -> F64:
-    """Columns (m, 3, a) times a matrix (a, b), as one product."""
+    """Multiply columns (m, 3, a) by a matrix (a, b), as one product."""
     m, axes, a = columns.shape
     product: F64 = (columns.reshape(m * axes, a) @ matrix).reshape(m, axes, matrix.shape[1])
     return product

@@ -1,7 +1,7 @@
-"""Where the artefact stood: a rigid pose per placement, and the points nobody certified.
+"""Poses of the artefact, one per placement, and the positions of targets without certificate.
 
-Everything here takes the tip's positions as they are and fits only what every evaluation may
-fit: poses and unknown seats.
+The functions here take the tip's positions as they are and fit only what every evaluation may fit:
+poses and unknown seats.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from armd.compensation.estimate.observations import TURN_MM, Observations
 from armd.compensation.estimate.placements.rigid_motions import sum_groups
 from armd.compensation.estimate.surfaces import measure_heights
 
-#: A rotation by 1 rad moves a point at this lever by as much: it makes columns comparable.
+#: Lever that converts a rotation in rad to mm: it makes columns comparable.
 LEVER_MM = 100.0
 
 
@@ -27,19 +27,21 @@ class Poses:
     rotation: F64  # (P, 3, 3)
     translation_mm: F64  # (P, 3)
     target_mm: F64  # (K, 3) certified or fitted; zero for a seat nobody has touched
-    side: F64 | None = None  # (K,) 1 or -1: on which side of a surface the tip is; None: no surface
-    body: F64 | None = None  # (K, 3, 3) of the last frame: how measured bodies are turned in it
+    side: F64 | None = None  # (K,) 1 or -1: the tip's side of a surface; None: no surface
+    body: F64 | None = None  # (K, 3, 3) rotations of measured bodies in the last frame
 
     def compute_target_points(self, observations: Observations) -> F64:
-        """Where the point targets of the readings stand (n, 3) mm, in the base frame."""
+        """Return the points (n, 3) mm of the readings' targets, in the base frame."""
         points = observations.get_known_mm(self.target_mm)
         rotation = self.rotation[observations.placement]
         turned: F64 = np.einsum("nij,nj->ni", rotation, points)
         return turned + self.translation_mm[observations.placement]
 
     def place_tips(self, observations: Observations, position_mm: F64) -> F64:
-        """Where the tip at *position_mm* (n, 3) should stand (n, 3) mm, in the base frame: at its
-        target, or nearest to itself where that is a surface."""
+        """Return where the tip at *position_mm* (n, 3) should stand (n, 3) mm, in the base frame.
+
+        That is at its target, or at the nearest point of a surface.
+        """
         placed = self.compute_target_points(observations)
         if self.side is not None and (rows := np.flatnonzero(observations.on_surface)).size:
             gap, normal = self._compute_gaps(observations, position_mm, rows, self.side)
@@ -52,7 +54,7 @@ class Poses:
         return placed
 
     def _compute_turns_mm(self, position_mm: F64, observations: Observations, rows: I64) -> F64:
-        """Rotation vectors (m, 3) from measured to the arm's orientations, at their lever."""
+        """Return rotation vectors (m, 3) from measured to the arm's orientations, × lever."""
         assert self.body is not None
         frame = Rotation.from_rotvec(position_mm[rows] / TURN_MM).as_matrix()
         of_arm = frame @ self.body[observations.target[rows]]
@@ -61,12 +63,12 @@ class Poses:
         return turns
 
     def measured(self, observations: Observations, rows: I64) -> F64:
-        """Orientations (m, 3, 3) as measured, in the base frame."""
+        """Return orientations (m, 3, 3) as measured, in the base frame."""
         turned: F64 = self.rotation[observations.placement[rows]] @ observations.measured_turn[rows]
         return turned
 
     def compute_normals(self, observations: Observations, position_mm: F64) -> F64:
-        """Unit vectors (n, 3) along which the surfaces are nearest, base frame; 0 for points."""
+        """Return unit vectors (n, 3) to the nearest points of surfaces, base frame; 0: points."""
         normals = np.zeros((observations.n, 3))
         if self.side is not None and (rows := np.flatnonzero(observations.on_surface)).size:
             normals[rows] = self._compute_gaps(observations, position_mm, rows, self.side)[1]
@@ -75,7 +77,7 @@ class Poses:
     def _compute_gaps(
         self, observations: Observations, position_mm: F64, rows: I64, side: F64
     ) -> tuple[F64, F64]:
-        """How far tips at *rows* (m,) are off their surface (m,) mm, along its normals (m, 3)."""
+        """Return the distances (m,) mm of tips at *rows* (m,) from surfaces, and normals (m, 3)."""
         target, placement = observations.target[rows], observations.placement[rows]
         rotation = self.rotation[placement]
         off = position_mm[rows] - self.translation_mm[placement]
@@ -86,26 +88,32 @@ class Poses:
         return gap, np.einsum("nij,nj->ni", rotation, normal)
 
     def place_at(self, observations: Observations, targets: I64) -> F64:
-        """Where the tip would stand (n, k, 3) mm, had each reading touched each of *targets*."""
+        """Return the tip's positions (n, k, 3) mm, had each reading touched each of *targets*."""
         points = observations.stretch[:, None, None] * self.target_mm[targets]
         rotation = self.rotation[observations.placement]
         turned: F64 = np.einsum("nij,nkj->nki", rotation, points)
         return turned + self.translation_mm[observations.placement][:, None]
 
     def residual(self, observations: Observations, position_mm: F64) -> F64:
-        """Tip minus target (n, 3) mm, in the base frame."""
+        """Return tip minus target (n, 3) mm, in the base frame."""
         return position_mm - self.place_tips(observations, position_mm)
 
     def measure_distances(self, between: I64) -> tuple[F64, F64]:
-        """How far apart pairs of targets (D, 2) are, mm (D,), and unit vectors (D, 3) from the
-        second to the first; zero where both are one point."""
+        """Return distances (D,) mm of pairs of targets (D, 2), and their directions (D, 3).
+
+        A direction is a unit vector from the second to the first, and zero where both are one
+        point.
+        """
         offset_mm = self.target_mm[between[:, 0]] - self.target_mm[between[:, 1]]
         length = np.linalg.norm(offset_mm, axis=1)
         return length, offset_mm / np.where(length > 0.0, length, 1.0)[:, None]
 
     def moved(self, centre_mm: F64, twist: F64, target_step_mm: F64) -> Poses:
-        """Poses turned by twist[:, :3] / LEVER_MM rad about their centres (P, 3) and shifted by
-        twist[:, 3:] mm; targets shifted by target_step_mm (K, 3)."""
+        """Return poses moved by a twist, and targets shifted by *target_step_mm* (K, 3).
+
+        Poses are turned by twist[:, :3] / LEVER_MM rad about their centres (P, 3) and shifted by
+        twist[:, 3:] mm.
+        """
         turn = Rotation.from_rotvec(twist[:, :3] / LEVER_MM).as_matrix()
         arm = self.translation_mm - centre_mm
         return Poses(
@@ -120,7 +128,7 @@ class Poses:
 
 
 def compute_centres(observations: Observations, position_mm: F64) -> F64:
-    """Mean position of each placement's readings (P, 3); zero for one without."""
+    """Return the mean position of each placement's readings (P, 3); zero for one without."""
     points = ~observations.turned
     placement, p = observations.placement[points], len(observations.placement_names)
     total = sum_groups(position_mm[points], placement, p)
@@ -128,10 +136,10 @@ def compute_centres(observations: Observations, position_mm: F64) -> F64:
 
 
 def make_pose_columns(observations: Observations, placed_mm: F64, centre_mm: F64) -> F64:
-    """d residual / d twist (n, 3, 6): how the residual moves with its placement's pose.
+    """Return d residual / d twist (n, 3, 6) of each reading by its placement's pose.
 
-    The lever arm is the target's, not the tip's: so turning an artefact of unknown points in its
-    own frame is the same as turning its placements exactly, however large the residuals are.
+    The lever arm is the target's, not the tip's. So turning an artefact of unknown points in its
+    own frame is exactly the same as turning its placements, however large the residuals are.
     """
     columns = make_rigid_columns(placed_mm - centre_mm[observations.placement])
     columns[observations.turned] = -(TURN_MM / LEVER_MM) * np.eye(3, 6)
@@ -139,8 +147,10 @@ def make_pose_columns(observations: Observations, placed_mm: F64, centre_mm: F64
 
 
 def make_rigid_columns(lever_mm: F64) -> F64:
-    """d residual / d twist (n, 3, 6) of points (n, 3) from the centre that the twist turns about:
-    a turn of 1 / LEVER_MM rad about each axis, then a shift of 1 mm along each."""
+    """Return d residual / d twist (n, 3, 6) of points (n, 3) from the centre of rotation.
+
+    A twist is a turn of 1 / LEVER_MM rad about each axis, then a shift of 1 mm along each.
+    """
     lever = lever_mm / LEVER_MM
     columns = np.zeros((len(lever), 3, 6))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -151,7 +161,7 @@ def make_rigid_columns(lever_mm: F64) -> F64:
 
 
 def make_target_columns(observations: Observations, poses: Poses, normal: F64 | None = None) -> F64:
-    """d residual / d target position (n, 3, 3); zero where the row's own truth counts.
+    """Return d residual / d target position (n, 3, 3); zero where the row has its own truth.
 
     *normal* (n, 3) of the surfaces touched: their third coordinate moves the residual along it.
     """

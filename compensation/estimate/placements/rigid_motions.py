@@ -1,4 +1,4 @@
-"""Rigid motions that carry groups of points to their images: least squares in closed form."""
+"""Rigid motions that map groups of points to their images: least squares in closed form."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from armd.arrays import F64, I64
 def fit_by_kabsch(
     points: F64, images: F64, weight: F64, group: I64, n_groups: int
 ) -> tuple[F64, F64]:
-    """Rigid motions (G, 3, 3), (G, 3) that carry points (n, 3) to images, group by group.
+    """Return rigid motions (G, 3, 3), (G, 3) that map points (n, 3) to images, group by group.
 
-    Weighted least squares (Kabsch, Acta Cryst. A32, 1976). Rows with NaN points are left out; a
+    Weighted least squares (Kabsch, Acta Cryst. A32, 1976). Rows with NaN points are dropped; a
     group with too few points gets one of the motions that fit.
     """
     is_known = np.isfinite(points[:, 0])
@@ -32,6 +32,6 @@ def fit_by_kabsch(
 
 
 def sum_groups(values: F64, group: I64, n_groups: int) -> F64:
-    """Sums (G, c) of the rows of values (n, c) that share a group number."""
+    """Return the sums (G, c) of the rows of values (n, c) that share a group number."""
     columns = [np.bincount(group, column, n_groups) for column in values.T]
     return np.stack(columns, axis=1) if columns else np.zeros((n_groups, 0))

@@ -1,1 +1,1 @@
-"""Whether sessions may be identified from: enough readings, no mistake in them, none odd."""
+"""Checks before identification: enough readings, no mistakes, no inconsistent session."""

@@ -1,8 +1,8 @@
-"""Readings far from where all others place them: the button pressed in the air, a seat missed.
+"""Find readings far from where all others place them: the button pressed in the air, a seat missed.
 
-Which they are is told, by row; what becomes of them is for whoever asks. They are told at poses
-that they hardly move themselves, so several are told beside each other. A reading at another
-target is one of them, too; `find_wrong_names` tells of which.
+The result lists their rows; the caller decides what becomes of them. The poses are fitted robustly,
+so far readings hardly move them and several can be found at once. A reading at another target is
+also found here; `find_wrong_names` finds out at which one.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.placements.fit_poses import fit_robust_poses
 from armd.terminal.counted import format_count
 
-#: Readings that are listed.
+#: The most readings that are listed.
 MOST_TOLD = 6
 
 
 @dataclass(frozen=True)
 class FarOff:
-    """m readings, the farthest first, and what half of all readings are within."""
+    """The readings far off, the farthest first, and the median distance of all readings."""
 
-    reading: I64  # (m,) by their place among those that were asked about
+    reading: I64  # (m,) index among the readings that were examined
     off_mm: F64  # (m,)
     usual_mm: float
 
     def in_words(self, session: Session) -> list[str]:
-        """A line for each, if not too many; they are rows of *session*."""
+        """Return a line for each reading, MOST_TOLD at most; the readings are rows of *session*."""
         lines = []
         for i, off_mm in zip(self.reading[:MOST_TOLD], self.off_mm, strict=False):
             target = session.artefact.target_names[session.target[i]]
@@ -48,8 +48,10 @@ class FarOff:
 
 
 def find_far_readings(off_mm: F64, times: float = SUSPECT) -> FarOff:
-    """Which of readings are so many *times* farther off than the middle one; *off_mm* (n,) is NaN
-    where it is not known."""
+    """Find readings more than *times* the median distance off.
+
+    *off_mm* (n,) is NaN where a distance is not known.
+    """
     rows = np.flatnonzero(np.isfinite(off_mm))
     if not len(rows):
         return FarOff(rows, np.empty(0), LEAST_MM)
@@ -60,7 +62,10 @@ def find_far_readings(off_mm: F64, times: float = SUSPECT) -> FarOff:
 
 
 def list_without_temperature(session: Session, usable: Mask) -> list[str]:
-    """Which readings take no part because they lack a temperature; *usable* (n,): those that do."""
+    """Return a line about readings that are skipped for lack of a temperature, or none.
+
+    *usable* (n,) marks the readings that are used.
+    """
     rows = np.flatnonzero(~usable)
     if not len(rows):
         return []
@@ -71,10 +76,11 @@ def list_without_temperature(session: Session, usable: Mask) -> list[str]:
 
 
 def measure_distances_mm(observations: Observations, position_mm: F64) -> F64:
-    """(n,) how far the tip at *position_mm* (n, 3), base frame, lies from each reading's target.
+    """Measure how far the tip lies from each reading's target, (n,) mm.
 
-    NaN without a position, for a row that stands there a second time, and for the only reading at
-    a seat, which says itself where that is.
+    *position_mm* (n, 3), base frame, is the tip's position. The distance is NaN without a position,
+    for a duplicate row, and for the only reading at an uncertified seat, because it alone places
+    the seat.
     """
     distance = np.full(observations.n, np.nan)
     usable = np.isfinite(position_mm).all(axis=1)

@@ -1,9 +1,9 @@
 """Search for rows that another tip, or another place of the artefact, explains.
 
-One fit to readings of two tips spreads their distance over all constants, and what it leaves looks
-like any bad arm. So rows with a tip of their own are searched for around that fit, and the best
-group is fitted whole. It is named only where it explains nearly all, and nothing else that may
-begin at one moment explains as much.
+One fit to readings of two tips spreads the distance between the tips over all constants, and its
+residuals look like those of any bad arm. So the search looks for rows with a tip of their own
+around that fit, and fits the best group in full. The group is reported only if it explains nearly
+all of the residuals, and no other cause that can begin at one moment explains as much.
 """
 
 from __future__ import annotations
@@ -41,24 +41,26 @@ from armd.compensation.identify.thermal.terms import get_last_lever_mm
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.compensation.model.terms import Term
 
-#: Whole fits are worth it where the linear search leaves no more of the squared residuals.
+#: A full fit is made only if the linear search leaves at most this share of the squared residuals.
 WORTH_FITTING = 0.5
-#: A group is named where its whole fit leaves no more of the RMS: a quarter of the squares. Noise
-#: that is parted in two leaves 0.79 of them in three dimensions.
+#: A group is reported only if its full fit leaves at most this share of the RMS, a quarter of the
+#: squares. Noise that is split in two leaves 0.79 of the squares in three dimensions.
 MOST_REMAINING = 0.5
-#: Rows taken one by one are chosen more freely than a stretch: no more than this may remain.
+#: Single rows are chosen more freely than a stretch of rows, so their fit may leave only this
+#: share.
 MOST_REMAINING_SINGLY = 0.25
-#: Of a group's rows, no more than so many times what they leave when fitted without the other
-#: group. More, and the groups differ by more than a tip: another arm.
+#: The RMS of a group's rows may be this many times their RMS in a fit without the other group. If
+#: it is larger, the groups differ by more than a tip: another arm.
 MOST_NOISE = 1.5
-#: A group is fitted without the other if it has so many times the readings its unknowns take.
+#: A group is fitted without the other one if it has this many times the readings it needs.
 TELLS_NOISE = 1.5
-#: No more than so much of the RMS that the next best cause leaves; else nobody can say which it is.
+#: The RMS must be below this share of the next best cause's; otherwise the cause is undecided.
 CLEARLY = 0.7
-#: No tip grows by more than this share of its distance from the last joint per K, and a little that
-#: readings hardly know (mm). More is no growth: sessions of two temperatures and two tips look so.
+#: A tip expands per K by at most this share of its distance from the last joint, plus an allowance
+#: (mm) for what the readings hardly determine. A larger fitted expansion is none: sessions at two
+#: temperatures with two tips look like that.
 MOST_GROWN_PER_K, LEAST_GROWN_MM = 30e-6, 0.05
-#: Steps of parting rows in two by their residuals in the last frame.
+#: The most iterations that split rows in two by their residuals in the last frame.
 MOST_PARTINGS = 20
 
 
@@ -68,13 +70,13 @@ def find_second_group(
     """Return the rows that have another tip or place than the rest, if that explains
     *identification*.
 
-    *identification* is a fit to all *sessions* as one group. At most a few whole fits more, and
-    none where the readings are in order.
+    *identification* is a fit to all *sessions* as one group. The search makes a few more full fits
+    at most, and none if the readings are consistent.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
         grown_mm = _limit_growth_mm(identification, identification.terms)
         group = None if grown_mm else _find_group(identification, 0.0)
-        if group:  # part of the second tip may still be taken for growth
+        if group:  # the fit may still take part of the second tip for expansion
             grown_mm = _limit_growth_mm(group.identification, identification.terms)
         if grown_mm:
             identification = _fit_without_growth(identification)
@@ -83,8 +85,10 @@ def find_second_group(
 
 
 def _limit_growth_mm(identification: Identification, growth: Sequence[Term]) -> float:
-    """By how much the tip can have grown, where it grew by more in the fit; else 0. *growth* is as
-    many of the first terms."""
+    """Return the limit of the tip's expansion, mm, if the fit exceeds it; else 0.
+
+    *growth* holds the expansion terms, which come first among the terms of *identification*.
+    """
     of_tip = [k for k, term in enumerate(growth) if term.parameter in TIP_PARAMETERS]
     if not of_tip:
         return 0.0
@@ -99,7 +103,7 @@ def _limit_growth_mm(identification: Identification, growth: Sequence[Term]) -> 
 
 
 def _fit_without_growth(identification: Identification) -> Identification:
-    """The same fit without growth of the tip."""
+    """Fit the readings again without expansion of the tip."""
     terms = [term for term in identification.terms if term.parameter not in TIP_PARAMETERS]
     arm = identification.observations.arm
     unknowns = list_unknowns(arm, terms)
@@ -109,11 +113,11 @@ def _fit_without_growth(identification: Identification) -> Identification:
 
 
 def _find_group(identification: Identification, grown_mm: float) -> GroupFit | None:
-    """The group that explains *identification*, in which the tip may have grown by *grown_mm*
-    unfitted.
+    """Find the group that explains *identification*; the tip may expand by *grown_mm* unfitted.
 
-    Outliers count in the first search, as a small group may be among them, and not in the
-    second, as single readings in the air hide any other group."""
+    The first search counts outliers, because a small group may be among them. The second search
+    does not, because single readings in the air hide any other group.
+    """
     nobody = np.zeros(0, dtype=np.int64)
     for without in [nobody, identification.outliers] if len(identification.outliers) else [nobody]:
         cleared = clear_rows(identification, without)
@@ -138,7 +142,7 @@ def _find_group(identification: Identification, grown_mm: float) -> GroupFit | N
 def _choose_cause(
     identification: Identification, candidates: Sequence[tuple[GroupCause, GroupGain]]
 ) -> GroupFit | None:
-    """The best of the causes that are named, if it clearly explains more than the best other."""
+    """Choose the best cause that can be reported, if it is clearly better than its best rival."""
     candidates = sorted(candidates, key=lambda pair: pair[1].residual_share)
     named = [pair for pair in candidates if pair[0].differs is not Differs.ARM]
     best = fit_whole(identification, *named[0]) if named else None
@@ -156,12 +160,12 @@ def _choose_cause(
 def _is_clearly_better(first: GroupFit, second: GroupFit) -> bool:
     is_inlier = (
         first.is_inlier | second.is_inlier
-    )  # a wrong cause takes the whole group for outliers
+    )  # with a wrong cause, the whole group counts as outliers
     return first.rms_um(is_inlier) < CLEARLY * second.rms_um(is_inlier)
 
 
 def _find_single_rows(identification: Identification, cleared: ClearedRows) -> GroupFit | None:
-    """Rows here and there: two reflectors in turn."""
+    """Find a group of single rows anywhere in the data, as of two reflectors used in turn."""
     tip = GroupCause(Differs.TIP, TIP_PARAMETERS)
     columns = tip.columns(identification)
     group = _part_in_two(np.einsum("nic,ni->nc", columns, identification.linearisation.residual_mm))
@@ -179,13 +183,13 @@ def _find_single_rows(identification: Identification, cleared: ClearedRows) -> G
         if len(cause.parameters) == 1
     ]
     gains = [(cause, cleared.gain(cause.columns(identification), best.group)) for cause in joints]
-    rival = min(gains, key=lambda pair: pair[1].residual_share)  # play: a zero here, one there
+    rival = min(gains, key=lambda pair: pair[1].residual_share)  # backlash: two zeros
     rival_fit = fit_whole(identification, *rival, singly=True)
     return None if rival_fit and not _is_clearly_better(best, rival_fit) else best
 
 
 def _part_in_two(points: F64) -> Mask:
-    """(n,) two groups of *points* (n, 3), each nearer to its own mean than to the other's."""
+    """Split *points* (n, 3) in two groups, each nearer to its own median; return a mask (n,)."""
     off = points - np.median(points, axis=0)
     size = np.linalg.norm(off, axis=1, keepdims=True)
     usual = max(float(np.median(size)), 1e-12)
@@ -206,8 +210,12 @@ def _part_in_two(points: F64) -> Mask:
 def _explains(
     identification: Identification, group_fit: GroupFit, most_remaining: float, grown_mm: float
 ) -> bool:
-    """Whether it leaves at most the share *most_remaining* of the RMS, and of each group that is
-    large enough to tell it no more than noise and the growth of *grown_mm*."""
+    """Return whether the fit with a second group explains the residuals.
+
+    Its RMS must be at most the share *most_remaining* of the RMS of *identification*. In each group
+    with enough readings for a separate fit, it may exceed the noise of that fit only by the factor
+    `MOST_NOISE` and the expansion *grown_mm*.
+    """
     if group_fit.rms_um(group_fit.is_inlier) > most_remaining * compute_rms_um(
         identification.linearisation.residual_mm[group_fit.is_inlier]
     ):
@@ -242,8 +250,10 @@ def _describe_group(
     group_fit: GroupFit,
     grown_mm: float,
 ) -> SecondGroup:
-    """The smaller group, or of two equal ones the later, and how it differs from the other; the tip
-    may have grown by *grown_mm* between them."""
+    """Describe the smaller group, the later of two equal ones, and how it differs from the rest.
+
+    The tip may have expanded by *grown_mm* between the groups.
+    """
     observations = identification.observations
     place = np.empty(observations.n)
     place[order_by_acquisition(identification)] = np.arange(observations.n)
@@ -274,8 +284,10 @@ def _describe_group(
 
 
 def _find_shared_rows(observations: Observations, group: Mask) -> Mask:
-    """(n,) readings of placements that have some within the *group* and some outside: the others
-    have a pose of their own as it is."""
+    """Mark the readings (n,) of placements that have rows both in *group* and outside.
+
+    Other placements have a fitted pose of their own, which absorbs any difference of place.
+    """
     shared_placements: I64 = np.intersect1d(
         observations.placement[group], observations.placement[~group]
     )

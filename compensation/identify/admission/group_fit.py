@@ -1,6 +1,6 @@
-"""Fits in which a group of rows has parameters of its own: another tip, another place, or a joint.
+"""Fits in which a group of rows has separate parameters: another tip, another place, or a joint.
 
-The group is one more sensor, so that a parameter that differs in it is a term like any other.
+A sensor marks the group, so a parameter that differs in it is a term like any other.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ from armd.compensation.model.parameters import BASE_PARAMETERS, LEAST_LENGTH_MM,
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 
-#: Whole fits of one cause at most, its rows chosen anew after each.
+#: The most full fits of one cause; the group's rows are chosen again after each.
 MOST_FITS = 3
-#: The group is one more sensor of this name, 1 K above the reference in its rows and at it in all
-#: others: a term of it is a parameter that differs in the group.
+#: The group is a sensor of this name, 1 K above the reference in the group's rows and at the
+#: reference elsewhere. A term of that sensor is a parameter that differs in the group.
 INDICATOR = "second group"
 
 
 @dataclass(frozen=True)
 class GroupCause:
-    """What may be other in a group of rows, and the parameters that then differ."""
+    """A difference that a group of rows may have, and the parameters that then differ."""
 
     differs: Differs
     parameters: Sequence[str]
 
     def columns(self, identification: Identification) -> F64:
-        """(n, 3, c) d residual / d parameter."""
+        """Return the derivatives (n, 3, c) of the residuals by the parameters."""
         return identification.linearisation.make_constant_columns(self.parameters)
 
 
 @dataclass(frozen=True)
 class GroupFit:
-    """A fit in which the rows of a group have parameters of their own."""
+    """A fit in which the rows of a group have separate parameters."""
 
     cause: GroupCause
     group: Mask  # (n,)
@@ -54,32 +54,35 @@ class GroupFit:
 
     @property
     def step(self) -> F64:
-        """(c,) by how much the parameters differ."""
+        """The differences (c,) of the parameters in the group."""
         return np.array(
             [t.coefficient for t in self.identification.terms[-len(self.cause.parameters) :]]
         )
 
     @property
     def covariance(self) -> F64:
-        """(c, c) of the step."""
+        """The covariance (c, c) of the step."""
         c = len(self.cause.parameters)
         return self.identification.covariance[-c:, -c:]
 
     @property
     def is_inlier(self) -> Mask:
-        """(n,) all rows but outliers."""
+        """A mask (n,) of all rows that are not outliers."""
         is_inlier = np.ones(len(self.group), dtype=bool)
         is_inlier[self.identification.outliers] = False
         return is_inlier
 
     def rms_um(self, is_inlier: Mask) -> float:
-        """RMS of the readings *is_inlier* (n,)."""
+        """Return the RMS of the readings *is_inlier* (n,)."""
         return compute_rms_um(self.identification.linearisation.residual_mm[is_inlier])
 
 
 def list_causes(arm: Arm) -> list[GroupCause]:
-    """What may begin at one moment. The last link's lengths place the same point as the tip; the
-    last joint's zero does so, too, and where it explains as much, no tip is named."""
+    """List the differences that may begin at one moment.
+
+    The last link's lengths place the same points as the tip, so they are not listed. The last
+    joint's zero also does; where it explains as much, no tip is reported.
+    """
     drawn, layout = arm.nominal(), arm.layout
     joints = range(2, arm.n_joints + 1)
     lengths = [f"{stem}_{k}" for k in joints[:-1] for stem in ("d", "a")]
@@ -95,8 +98,10 @@ def list_causes(arm: Arm) -> list[GroupCause]:
 def fit_whole(
     identification: Identification, cause: GroupCause, gain: GroupGain, singly: bool = False
 ) -> GroupFit | None:
-    """Fit all unknowns and the group's own parameters, the group chosen anew after each fit; None
-    where no group remains."""
+    """Fit all unknowns and the group's own parameters, and choose the group again after each fit.
+
+    Return None where the group, or the rest, has fewer than `LEAST_ROWS` rows.
+    """
     group, step, group_fit = gain.group, gain.step, None
     for _ in range(MOST_FITS):
         group_fit = GroupFit(cause, group, _fit_group(identification, cause, group, step))
@@ -132,10 +137,11 @@ def _fit_group(
 
 
 def list_unknowns(arm: Arm, terms: Sequence[Term]) -> Unknowns:
-    """All constants that a calibration identifies but the last joint's, and all *terms*.
+    """Return all constants that a calibration identifies except the last joint's, and all *terms*.
 
-    The tip's offset alone places every point that it and the last joint's constants do together. So
-    the last frame stays the drawing's, and no fit creeps along what no reading tells.
+    The tip's offset places every point that it places together with the last joint's constants. So
+    the last frame stays nominal, and the fit does not drift along directions that no reading
+    determines.
     """
     last = arm.layout.names[arm.layout.joint(arm.n_joints)]
     constants = [name for name in list_free_constants(arm) if name not in last]
@@ -143,12 +149,12 @@ def list_unknowns(arm: Arm, terms: Sequence[Term]) -> Unknowns:
 
 
 def _choose_rows(group_fit: GroupFit, singly: bool) -> Mask:
-    """The rows that the group's parameters suit better: each by itself, or in one stretch."""
+    """Choose the rows that the group's parameters fit better: single rows, or one stretch."""
     moved = group_fit.cause.columns(group_fit.identification) @ group_fit.step
     residual = group_fit.identification.linearisation.residual_mm
     within = np.where(group_fit.group[:, None], residual, residual + moved)
     outside = within - moved
-    limit = (moved**2).sum(axis=1)  # no row has more voice than one that is right
+    limit = (moved**2).sum(axis=1)  # limits the weight of any row to that of a row that fits
     better = np.clip((outside**2).sum(axis=1) - (within**2).sum(axis=1), -limit, limit)
     if singly:
         suited: Mask = better > 0.0

@@ -1,7 +1,8 @@
-"""The one session among several that does not fit the others, named by what is wrong with it.
+"""Find the one session that does not fit the others, and what is wrong with it.
 
-A fit to all of them spreads its error over all. So each session is held against what the others
-identify without it; where there are too few others, against the drawing.
+A fit to all sessions spreads its error over all of them. So each session is compared with what the
+others identify without it. Where there are too few others, it is compared with the nominal
+geometry.
 """
 
 from __future__ import annotations
@@ -37,29 +38,30 @@ from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.errors import BadInput
 
-#: Of two that differ, nobody knows which is wrong.
+#: With only two sessions that differ, it is not known which is wrong.
 LEAST_SESSIONS = 3
-#: Under a drawing, readings that miss by more are no arm's; nor those that miss by so many times
-#: what the best session does.
+#: A session is suspect under the nominal geometry if it misses by more than this many mm, or by
+#: more than this many times the least miss of any session.
 ABSURD_MM, APART = 20.0, 5.0
-#: A fit that leaves more than this share of what the drawing leaves is worth the question.
+#: The search runs if a fit leaves more than this share of the RMS under the nominal geometry.
 SUSPICIOUS_SHARE = 0.1
-#: So many sessions are left out in turn, those that miss most first; each costs a fit.
+#: The most sessions that are left out in turn, those with the largest misses first; each costs a
+#: fit.
 MOST_LEFT_OUT = 8
-#: A session so far from the temperatures of all the others cannot be held against them closely: by
-#: what it is farther, arms grow by no more than this share.
+#: A session whose temperatures lie outside the range of all others by more than REACH_K cannot be
+#: compared closely. Beyond that range, lengths may grow by this share per K.
 REACH_K, MOST_GROWN_PER_K = 3.0, 30e-6
 
 
 @dataclass(frozen=True)
 class InconsistentSession:
-    """A session that does not fit, and nothing simple that would make it."""
+    """A session that does not fit the others and that no simple mistake explains."""
 
     path: Path
     miss_mm: float
     others_mm: float
-    #: how far from the others' its tip would have to be (3,), last frame, where that explains it;
-    #: and by how much its readings then miss
+    #: the offset (3,), last frame, of its tip from that of the others, if this explains the
+    #: session; and the miss of its readings with that tip
     tip: tuple[F64, float] | None = None
 
     def in_words(self) -> str:
@@ -85,15 +87,15 @@ class InconsistentSession:
 def refuse_mistakes(
     sessions: Sequence[Session], observations: Observations, calibrated: AssumedModel | None = None
 ) -> None:
-    """Raise `BadInput` for sessions whose unit, names or columns are plainly others than they say.
+    """Raise `BadInput` for sessions with a plain mistake in a unit, in names or in columns.
 
-    Held against *calibrated*, or the drawing, any such mistake stands out. *observations*
-    are of *sessions*, some rows of them left out or none.
+    The sessions are compared with *calibrated*, or with the nominal geometry, where such mistakes
+    are large. *observations* are of *sessions*; some rows may be missing.
     """
     model = calibrated or AssumedModel.from_calibration(observations.arm, None)
     parts = [observations.rows(observations.session == k) for k in range(len(sessions))]
     misses = np.array([compute_largest_miss_mm(part, model) for part in parts])
-    is_judged = misses > 0  # others have no placement with enough readings
+    is_judged = misses > 0  # the others have no placement with enough readings
     faults = []
     for session, part in zip(sessions, parts, strict=True):
         if unit := find_wrong_length_unit(part, model):
@@ -124,9 +126,10 @@ def refuse_mistakes(
 def fit_and_find_inconsistent_session(
     sessions: Sequence[Session], observations: Observations
 ) -> InconsistentSession | None:
-    """Return the session without which the others fit, whatever the calibration of the arm.
+    """Fit all sessions, and return the one without which the others fit.
 
-    Raises `BadInput` where it is plain what is wrong with it.
+    No calibration of the arm is needed. Raises `BadInput` where the mistake in the session is
+    plain.
     """
     if len(sessions) < LEAST_SESSIONS:
         return None
@@ -141,9 +144,9 @@ def fit_and_find_inconsistent_session(
 def find_inconsistent_session(
     sessions: Sequence[Session], identification: Identification, drawn_rms_um: float
 ) -> InconsistentSession | None:
-    """The session without which the others fit, asked where the fit to all of them is poor.
+    """Return the session without which the others fit, if the fit to all of them is poor.
 
-    Raises `BadInput` where it is plain what is wrong with it.
+    Raises `BadInput` where the mistake in the session is plain.
     """
     observations = identification.observations
     model = AssumedModel.from_identification(identification)
@@ -185,8 +188,11 @@ def find_inconsistent_session(
 def _fit_other_tip(
     part: Observations, model: AssumedModel, miss: float
 ) -> tuple[F64, float] | None:
-    """How far the tip of a session would have to be from the *model*'s to explain that its
-    readings *miss* it (mm), and by how much they then miss; None where it does not."""
+    """Fit a separate tip to a session whose readings *miss* (mm) under *model*.
+
+    Return its offset (3,) from the model's tip and the remaining miss in mm; None where another tip
+    does not explain the miss.
+    """
     fitted = fit(part, model.constants, model.terms, Unknowns(TIP_PARAMETERS), model.reference_c)
     after = compute_largest_miss_mm(part, AssumedModel.from_identification(fitted))
     tip_slice = part.arm.layout.tip
@@ -206,8 +212,10 @@ def raise_all(faults: list[BadInput]) -> None:
 def find_mistake(
     session: Session, part: Observations, model: AssumedModel, by: str
 ) -> BadInput | None:
-    """What is plainly wrong with a session of the observations *part*, if anything; *by*: under
-    what its readings miss."""
+    """Return the plain mistake in the observations *part* of a session, or None.
+
+    *by* describes the model under which the readings miss, for the message.
+    """
     guess = find_best_guess(part, model)
     if guess is None or guess[1] > ABSURD_MM:
         return None
@@ -220,7 +228,10 @@ def find_mistake(
 
 
 def identify_rows(observations: Observations, rows: Mask) -> Identification | None:
-    """Constants, and lengths that grow with temperature where these rows' temperatures tell."""
+    """Fit the constants, and expansion of the lengths if these rows have several temperatures.
+
+    Return None if there are too few readings.
+    """
     chosen = observations.rows(rows)
     if not rows.any() or chosen.n < count_needed_readings(chosen):
         return None
@@ -232,7 +243,7 @@ def identify_rows(observations: Observations, rows: Mask) -> Identification | No
 
 
 def _find_largest_by_session(observations: Observations, model: AssumedModel, sessions: int) -> F64:
-    """(S,) the largest miss of each session's placements; NaN where none is told."""
+    """Return the largest miss (S,) of each session's placements; NaN where none can be judged."""
     misses = compute_misses_mm(observations, model)
     counts = np.bincount(observations.placement, minlength=len(misses))
     largest = np.full(sessions, np.nan)
@@ -243,8 +254,11 @@ def _find_largest_by_session(observations: Observations, model: AssumedModel, se
 
 
 def _estimate_growth_mm(part: Observations, observations: Observations) -> float:
-    """What a session of the readings *part* may miss by for being colder or warmer than all others;
-    0 within their reach."""
+    """Return the miss, mm, that expansion explains in a session colder or warmer than all others.
+
+    *part* holds the session's readings. The result is 0 within `REACH_K` of the others'
+    temperatures.
+    """
     other_sessions = observations.rows(~np.isin(observations.session, part.session))
     own_c, others_c = part.states.temperature_c, other_sessions.states.temperature_c
     if not (np.isfinite(own_c).all() and np.isfinite(others_c).all()) or not own_c.size:
@@ -261,5 +275,5 @@ def _estimate_growth_mm(part: Observations, observations: Observations) -> float
 
 
 def _to_text(mm: float) -> str:
-    """As a person writes it."""
+    """Return a length in mm or µm, as a person writes it."""
     return f"{mm:.3g} mm" if mm >= 0.1 else f"{1e3 * mm:.2g} µm"

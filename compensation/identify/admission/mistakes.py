@@ -1,7 +1,7 @@
-"""What a person may have got wrong in a whole session: a unit, two names, two columns, a sign.
+"""Guess mistakes in a whole session: a unit, two names, two columns, a sign.
 
-Each guess is the same session, read as it may have been meant. Which of them is right, the
-residuals tell, under a model that the session had no part in.
+Each guess reads the same session as it may have been meant. The residuals show which guess is
+right, under a model to which the session did not contribute.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.terms import Term
 
-#: A guess explains a session if the readings then miss by less than this share.
+#: A guess explains a session if its readings then miss by less than this share.
 EXPLAINED = 0.2
-#: mm in what a person may have written instead of mm
+#: The length in mm of the units that a person may have used instead of mm.
 LENGTHS_MM = {"inches": 25.4, "centimetres": 10.0, "metres": 1000.0}
-#: Nobody measures in a room as hot as a number in °F looks in °C.
+#: The least temperature, read in °C, that is taken for °F: no measuring room is as hot.
 LEAST_FAHRENHEIT = 45.0
-#: Exchanges of two seats in one placement are tried up to so many; each takes some milliseconds.
+#: The most exchanges of two seats in one placement that are tried; each takes some milliseconds.
 MOST_EXCHANGES = 400
-#: Less than this is noise and no mistake (mm).
+#: A smaller miss is noise and no mistake (mm).
 LEAST_MM = 0.05
-#: A placement of fewer readings says nothing.
+#: A placement with fewer readings is not judged.
 LEAST_READINGS = 3
 
 
 @dataclass(frozen=True)
 class AssumedModel:
-    """What readings are held against."""
+    """A model with which readings are compared."""
 
     constants: F64  # (P,)
     terms: Sequence[Term]
@@ -53,14 +53,14 @@ class AssumedModel:
 
     @classmethod
     def from_calibration(cls, arm: Arm, calibration: Calibration | None) -> AssumedModel:
-        """A calibration, or the drawing."""
+        """Return the model of a calibration, or the nominal model without one."""
         if calibration is None:
             return cls(arm.nominal(), [], arm.reference_temperature_c)
         constants = calibration.vector(arm.n_joints)
         return cls(constants, calibration.terms, calibration.reference_temperature_c)
 
     def tip_mm(self, observations: Observations) -> F64:
-        """(n, 3) base frame; NaN where a temperature is missing."""
+        """Return the tip's positions (n, 3), base frame; NaN where a temperature is missing."""
         arm, states = observations.arm, observations.states
         basis = compute_basis_values(self.terms, states, arm, self.reference_c, self.constants)
         position: F64 = compute_pose(
@@ -71,7 +71,7 @@ class AssumedModel:
 
 @dataclass(frozen=True)
 class Guess:
-    """A session as it may have been meant."""
+    """A session as its operator may have meant it."""
 
     words: str  # after "if"
     expected: str
@@ -79,24 +79,24 @@ class Guess:
 
 
 def compute_misses_mm(observations: Observations, model: AssumedModel) -> F64:
-    """(P,) how far readings miss, at the target of each placement where they miss most.
+    """Compute for each placement (P,) the miss at the target where readings miss most, mm.
 
-    At a target the median counts: one reading gone wrong says nothing of the session. NaN for a
-    placement of fewer than `LEAST_READINGS`.
+    The miss at a target is the median of its readings, so one wrong reading does not matter. It is
+    NaN for a placement with fewer than `LEAST_READINGS`.
     """
     return _find_largest_misses(observations, model.tip_mm(observations))
 
 
 def compute_largest_miss_mm(observations: Observations, model: AssumedModel) -> float:
-    """The same in the placement where it is largest; 0 where no placement has enough readings."""
+    """Compute the largest of `compute_misses_mm`; 0 where no placement has enough readings."""
     return float(np.nanmax(compute_misses_mm(observations, model), initial=0.0))
 
 
 def find_best_guess(observations: Observations, model: AssumedModel) -> tuple[Guess, float] | None:
-    """The guess under which the readings of one session miss least, in mm, if it explains them.
+    """Return the guess that explains the readings of one session best, and its miss in mm.
 
-    It must explain them for what the joints move too: an arm that hardly moves misses little
-    whatever it measures, and so explains nothing.
+    A guess must also reduce the miss relative to the motion of the joints. If the joints hardly
+    move, readings miss little whatever they mean, so a small miss proves nothing.
     """
     before = compute_largest_miss_mm(observations, model)
     moves = measure_joint_motion(observations.states.q)
@@ -110,10 +110,10 @@ def find_best_guess(observations: Observations, model: AssumedModel) -> tuple[Gu
 
 
 def measure_joint_motion(q: F64) -> float:
-    """How far the joints move, rad, RMS over joints: near the standard deviation of small motions,
-    at most √2 where angles stand all around the circle.
+    """Measure how far the joints move, rad, as an RMS over joints.
 
-    q: (n, joints) rad; a row with an angle missing has no part.
+    For small motions it is near the standard deviation, and at most √2 for angles all around the
+    circle. *q*: (n, joints) rad; a row with a missing angle is skipped.
     """
     complete_q = q[np.isfinite(q).all(axis=1)]
     if not len(complete_q):
@@ -123,7 +123,7 @@ def measure_joint_motion(q: F64) -> float:
 
 
 def find_wrong_length_unit(observations: Observations, model: AssumedModel) -> str:
-    """The unit that all certified distances of a session seem to have instead of mm, if any."""
+    """Return the unit that all certified distances seem to have instead of mm, or ""."""
     position = model.tip_mm(observations)
     is_finite = np.isfinite(position[:, 0])
     if not is_finite.any() or not len(observations.distances.length_mm):
@@ -220,7 +220,7 @@ def to_celsius(fahrenheit: F64) -> F64:
 
 
 def _guess_targets(observations: Observations, model: AssumedModel) -> Iterator[Guess]:
-    """Targets under each other's names, where that makes a placement's readings fit."""
+    """Guess exchanged or shifted target names that make a placement's readings fit."""
     position = model.tip_mm(observations)
     as_it_is = _find_largest_misses(observations, position)
     own_names = np.arange(len(observations.unknown))
@@ -238,7 +238,8 @@ def _guess_targets(observations: Observations, model: AssumedModel) -> Iterator[
     for a, b in [] if seats and len(pairs) * len(placements) > MOST_EXCHANGES else pairs:
         names = own_names.copy()
         names[[a, b]] = b, a
-        # A seat's place is the same in all placements of the session: one by one.
+        # A seat has the same position in all placements, so an exchange in all of them changes
+        # nothing: each placement is tried separately.
         sets_of_placements = (
             [placements[k : k + 1] for k in range(len(placements))] if seats else [better(names)]
         )
@@ -266,7 +267,7 @@ def _guess_targets(observations: Observations, model: AssumedModel) -> Iterator[
 def _guess_renamed(
     observations: Observations, names: I64, sets_of_placements: Sequence[I64], words: str
 ) -> Iterator[Guess]:
-    """Targets under other *names* (K,) in each of some sets of placements that has any."""
+    """Yield a guess with other *names* (K,) for each non-empty set of placements."""
     for placements in sets_of_placements:
         if len(placements):
             yield Guess(
@@ -283,12 +284,12 @@ def _rename_targets(observations: Observations, names: I64, placements: I64) -> 
 
 
 def _get_own_name(observations: Observations, target: int) -> str:
-    """In its session."""
+    """Return the target's name within its session."""
     return observations.target_names[target].partition("/")[2]
 
 
 def _describe_placements(observations: Observations, placements: I64) -> str:
-    """ " in P1, P2", or nothing for all."""
+    """Return " in P1, P2", or nothing for all placements."""
     if len(placements) == len(np.unique(observations.placement)):
         return ""
     names = (observations.placement_names[p].partition("/")[2] for p in placements)

@@ -1,7 +1,7 @@
-"""The names an artefact's targets have when somebody begins to count at another of its ends.
+"""Find the names of an artefact's targets if they are counted from another of its ends.
 
-A beam turned end for end, a plate turned by a half or a quarter, lies nearly as it lay before: all
-looks right, and only the small differences between its spacings tell.
+A beam turned end for end, or a plate turned by a half or a quarter turn, lies nearly as before.
+Everything looks right; only the small differences between its spacings show the turn.
 """
 
 from __future__ import annotations
@@ -11,13 +11,16 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.estimate.placements.rigid_motions import fit_by_kabsch
 
-#: A turned target is another one if it comes to lie within this share of the least spacing from it.
+#: A turned target matches another one within this share of the least spacing.
 NEAR_SHARE = 0.25
 
 
 def find_other_ends(points_mm: F64) -> list[I64]:
-    """For each turn that brings *points_mm* (k, 3) near themselves, on which of them each then
-    lies (k,); without the turns that exchange two of them, or none."""
+    """Find the turns that bring *points_mm* (k, 3) near themselves.
+
+    Return for each turn the index (k,) of the point on which each point then lies. Turns that move
+    no more than two points, such as exchanges of two, are skipped.
+    """
     apart_mm = np.linalg.norm(points_mm[:, None] - points_mm, axis=2)
     near_mm = NEAR_SHARE * np.min(
         apart_mm + np.diag(np.full(len(points_mm), np.inf)), initial=np.inf
@@ -39,7 +42,7 @@ def find_other_ends(points_mm: F64) -> list[I64]:
 
 
 def _choose_far_points(points_mm: F64, apart_mm: F64) -> I64:
-    """The two points farthest from each other, and the one farthest from the line through them."""
+    """Return the two points farthest apart, and the point farthest from the line through them."""
     a, b = np.unravel_index(int(apart_mm.argmax()), apart_mm.shape)
     along = (points_mm[b] - points_mm[a]) / apart_mm[a, b]
     aside_mm = np.linalg.norm(np.cross(points_mm - points_mm[a], along), axis=1)
@@ -48,7 +51,7 @@ def _choose_far_points(points_mm: F64, apart_mm: F64) -> I64:
 
 
 def _find_same_triangles(apart_mm: F64, three: I64, within_mm: float) -> I64:
-    """(m, 3) all ordered threes whose distances are those of *three* to *within_mm*."""
+    """Return all ordered triples (m, 3) with the distances of *three* to within *within_mm*."""
     a, b, c = three
     first = np.argwhere(np.abs(apart_mm - apart_mm[a, b]) < within_mm)
     rows = [

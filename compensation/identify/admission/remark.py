@@ -1,4 +1,4 @@
-"""What `armd check` says of sessions that are each right by themselves."""
+"""Write the remark of `armd check` on sessions that are each right by themselves."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from armd.compensation.identify.fit import compute_rms_um
 
 
 def write_remark(sessions: Sequence[Session], observations: Observations) -> str:
-    """What several sessions, held against each other, say of one of them, and which readings of
-    any are far off all others; empty if nothing.
+    """Compare several sessions, and describe an inconsistent one and readings far off all others.
 
-    Raises `BadInput` where it is plain what is wrong.
+    Return an empty string if there is nothing to report. Raises `BadInput` where a mistake is
+    plain.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
         return _remark(sessions, observations)
@@ -40,7 +40,7 @@ def _remark(sessions: Sequence[Session], observations: Observations) -> str:
     arm = observations.arm
     drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
     require_surfaces(sessions, drawn.observations, drawn.poses, drawn.position_mm)
-    if observations.reflectors:  # nobody knows where each reading's tip is
+    if observations.reflectors:  # the tip of each reading is not known
         return ""
     refuse_mistakes(sessions, observations)
     refuse_misnamed(sessions, observations, AssumedModel.from_calibration(observations.arm, None))
@@ -72,11 +72,13 @@ def _remark(sessions: Sequence[Session], observations: Observations) -> str:
 
 
 def _list_far_readings(sessions: Sequence[Session], observations: Observations) -> list[str]:
-    """Single readings far off under the drawing: no fault of a file, and somebody should know."""
+    """List single readings far off under the nominal geometry: no fault of a file, but worth a
+    look.
+    """
     lines, model = [], AssumedModel.from_calibration(observations.arm, None)
     for k, session in enumerate(sessions):
         part = observations.rows(observations.session == k)
         far_readings = find_far_readings(measure_distances_mm(part, model.tip_mm(part)))
-        if far_readings.usual_mm < ABSURD_MM:  # where most are, no reading is single
+        if far_readings.usual_mm < ABSURD_MM:  # else most readings are far off
             lines += [f"far off (in the air?): {line}" for line in far_readings.in_words(session)]
     return lines

@@ -1,4 +1,4 @@
-"""What sessions must offer to be identified from; otherwise they are refused, and why."""
+"""Requirements that sessions must meet to be identified; others are refused with the reason."""
 
 from __future__ import annotations
 
@@ -16,23 +16,26 @@ from armd.compensation.identify.thermal.temperatures import group_temperatures
 from armd.errors import BadInput
 from armd.terminal.counted import format_count
 
-#: Residuals beyond this are not an arm's: another unit, another arm, a wrong direction.
+#: Larger residuals do not come from this arm: another unit, another arm, a wrong direction.
 ABSURD_RMS_MM = 20.0
-#: A link that differs from its drawing by more than this is another link, or in another unit.
+#: A link that differs from its nominal length by more is another link, or in another unit.
 ABSURD_CHANGE_MM = 100.0
-#: So is one that lost or gained half of itself; short ones may be drawn carelessly.
+#: A link is also another one if its length changes by this share; short links may be drawn
+#: carelessly.
 ABSURD_SHARE, SHORT_MM = 0.5, 30.0
-#: Least rank, as a share of what ideal readings would give, that is worth a calibration whatever
-#: readings left out say.
+#: The least rank, as a share of that of ideal readings, that suffices whatever the held-out error.
 LEAST_RANK = 0.5
-#: Too few readings help if those left out miss by less than under the drawing.
+#: Too few readings help if they miss, when held out, by less than this share of their nominal miss.
 MOST_SHARE = 1.0
 
 
 def choose_readings(
     observations: Observations, files: str, thermal_order: int | None, notes: list[str]
 ) -> tuple[Observations, list[tuple[float, Mask]]]:
-    """The readings to use, and their groups by temperature where a thermal model is possible."""
+    """Return the readings to use, and their temperature groups where a thermal model is possible.
+
+    Raises `BadInput` if the readings do not allow *thermal_order*.
+    """
     arm = observations.arm
     if thermal_order == 0:
         return observations, []
@@ -61,7 +64,7 @@ def choose_readings(
 
 
 def require_some(observations: Observations, files: str) -> None:
-    """Refuse readings of which placements and seats leave nothing that tells of the arm."""
+    """Raise `BadInput` if placements and seats take up all equations of the readings."""
     placements, seats = _count_placements(observations), _count_seats(observations)
     # An artefact of seats may stand anywhere in its own frame.
     free = count_artefact_unknowns(observations) - 6 * (seats > 0)
@@ -76,10 +79,12 @@ def require_some(observations: Observations, files: str) -> None:
 def require_help(
     identification: Identification, share: float, files: str, notes: list[str]
 ) -> None:
-    """Of readings that cannot tell the arm apart from its drawing, refuse those that do not help.
+    """Raise `BadInput` if the readings cannot separate the unknowns and do not improve the nominal
+    model.
 
-    *share*: what readings left out miss by, of what they miss by under the drawing. The drawing
-    counts as one more reading of every unknown, so a few readings may help much, and may not.
+    *share* is the miss of held-out readings, as a share of their miss under the nominal geometry.
+    The nominal values count as one more reading of every unknown, so a few readings may help much
+    or not.
     """
     observations, arm = identification.observations, identification.observations.arm
     needed, ideal = count_needed_readings(observations), 4 * arm.n_joints - 3
@@ -113,7 +118,7 @@ def require_help(
 
 
 def require_enough(observations: Observations, unknown: Sequence[str], files: str) -> None:
-    """Refuse readings that are fewer than the unknowns, where these are identified alone."""
+    """Raise `BadInput` for fewer readings than the unknowns need without a nominal prior."""
     needed = count_needed_readings(observations)
     if observations.n_postures < needed:
         placements, seats = _count_placements(observations), _count_seats(observations)
@@ -126,20 +131,20 @@ def require_enough(observations: Observations, unknown: Sequence[str], files: st
 
 
 def _describe_postures(observations: Observations) -> str:
-    """Of how many postures readings are, where some are copies."""
+    """Return the number of postures, in words, if some readings are copies."""
     postures = observations.n_postures
     return f" of {format_count(postures, 'posture')}" if postures < observations.n else ""
 
 
 def count_needed_readings(observations: Observations) -> int:
-    """Readings below which the unknowns have no one answer, whatever their poses."""
+    """Return the number of readings below which no poses determine all unknowns."""
     free = count_artefact_unknowns(observations)
     equations_per_reading = float(observations.freedom.mean())
     return count_readings_for(observations.arm.n_joints, free, equations_per_reading)
 
 
 def count_artefact_unknowns(observations: Observations) -> int:
-    """How many numbers say where the artefacts were, and what nobody certified of them."""
+    """Count the unknowns of the artefacts: their poses, and positions that nobody certified."""
     touched = np.unique(observations.placement, return_index=True)[1]
     kinds = np.where(observations.on_surface, observations.kind[observations.target], POINT)
     free = sum(FREEDOM[int(kind)] for kind in kinds[touched])
@@ -158,8 +163,10 @@ def _count_seats(observations: Observations) -> int:
 
 
 def is_plausible(identification: Identification) -> bool:
-    """Whether what is left after fitting is an arm's; a few readings gone wrong, however far, are
-    the certificate's to name."""
+    """Return whether the residuals can be those of an arm.
+
+    Outliers, however far off, are not counted: the certificate names them.
+    """
     residual_mm = np.delete(
         identification.linearisation.residual_mm, identification.outliers, axis=0
     )
@@ -167,7 +174,7 @@ def is_plausible(identification: Identification) -> bool:
 
 
 def _describe_farthest(identification: Identification) -> str:
-    """Which readings are farthest off, and what half of all are within."""
+    """Describe the reading farthest off, and the median distance of all readings."""
     off_mm = np.linalg.norm(identification.linearisation.residual_mm, axis=1)
     i = int(np.argmax(off_mm))
     return (
@@ -177,7 +184,7 @@ def _describe_farthest(identification: Identification) -> str:
 
 
 def require_plausible(identification: Identification, files: str) -> None:
-    """Refuse a fit that is none: residuals beyond any arm's, or another arm than was drawn."""
+    """Raise `BadInput` if the residuals, or a link's change, are too large for the nominal arm."""
     if not is_plausible(identification):
         raise BadInput(
             files,
@@ -207,7 +214,7 @@ def require_plausible(identification: Identification, files: str) -> None:
 
 
 def describe_unknown(identification: Identification) -> list[str]:
-    """What the readings cannot tell apart, in words."""
+    """Describe the parameters that the readings cannot separate."""
     names = identification.unknowns.words(identification.terms)
     return describe_unidentifiable(
         identification.solution.null, names, identification.observations.arm

@@ -1,8 +1,8 @@
-"""Search for rows in one stretch of time that want parameters of their own.
+"""Search for rows in one stretch of time that need separate parameters.
 
 Around a fit to all readings, everything is linear. Constants, placements and seats are projected
-out once. A group of rows with columns of its own then costs a few small products, so every
-stretch between two edges of a grid is tried, and its ends are refined to single rows.
+out once. Then a group of rows with separate columns costs a few small products. So every stretch
+between two edges of a grid is tried, and its ends are refined to single rows.
 """
 
 from __future__ import annotations
@@ -17,46 +17,46 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.noise.robust import compute_huber_weights
 from armd.compensation.identify.fit import Identification
 
-#: A group and the rest have at least so many rows: fewer are single readings gone wrong.
+#: The least size of a group and of the rest: fewer rows are single wrong readings.
 LEAST_ROWS = 8
-#: Edges of the grid of stretches, besides the sessions' own.
+#: The number of intervals in the grid of stretches, besides the sessions' own ends.
 GRID = 48
-#: Residuals count as this many times the middle one at most (Huber).
+#: Larger residuals count as this many times the median (Huber).
 EDGE = 3.0
 #: Larger problems (3 n equations times columns) are not searched: 160 MB.
 MOST_CELLS = 20_000_000
-#: Directions of scaled columns whose squared norm is a smaller share are absorbed: of the nuisances
-#: by each other, of a group by the nuisances.
+#: A direction of scaled columns is absorbed if its squared norm is below this share: the limits are
+#: for nuisances among themselves, and for a group's columns among the nuisances.
 ABSORBED, ABSORBED_GROUP = 1e-10, 1e-5
 
 
 @dataclass(frozen=True)
 class GroupGain:
-    """What columns of its own bring a group of rows."""
+    """The gain of separate columns for a group of rows."""
 
-    group: Mask  # (n,) rows as the observations have them
-    step: F64  # (c,) of the columns, in the group
-    residual_share: float  # of the squared residuals that remains
+    group: Mask  # (n,) rows in the order of the observations
+    step: F64  # (c,) coefficients of the columns, in the group
+    residual_share: float  # share of the squared residuals that remains
     n_unabsorbed: int  # columns that the other unknowns do not absorb
 
 
 @dataclass(frozen=True)
 class ClearedRows:
-    """Rows in the order of their measurement, whitened, clear of everything that the fit fits."""
+    """Whitened rows in the order of measurement, with all fitted unknowns projected out."""
 
     order: I64  # (n,) rows of the observations
-    weight: F64  # (n,) roots of Huber's weights
-    basis: F64  # (n, 3, p) orthonormal columns of what is fitted
-    residual: F64  # (n, 3) clear of it
-    edges: I64  # grid, 0 and n among them
+    weight: F64  # (n,) square roots of Huber's weights
+    basis: F64  # (n, 3, p) orthonormal basis of the fitted columns
+    residual: F64  # (n, 3) orthogonal to the basis
+    edges: I64  # of the grid, with 0 and n
 
     @property
     def squared_sum(self) -> float:
-        """Sum of the squared residuals."""
+        """The sum of the squared residuals."""
         return float((self.residual**2).sum())
 
     def best_stretch(self, columns: F64) -> GroupGain | None:
-        """The rows in one stretch that gain most by *columns* (n, 3, c) of their own."""
+        """Find the stretch of rows that gains most by separate *columns* (n, 3, c)."""
         ordered = self._ordered(columns)
         first, end = self._best(ordered, self.edges, self.edges)
         if end <= first:
@@ -69,7 +69,7 @@ class ClearedRows:
         return self.gain(columns, group)
 
     def gain(self, columns: F64, group: Mask) -> GroupGain:
-        """What *columns* (n, 3, c) of their own bring the rows of *group* (n,)."""
+        """Compute the gain of separate *columns* (n, 3, c) for the rows of *group* (n,)."""
         ordered = self._ordered(columns) * group[self.order][:, None, None]
         shared = np.einsum("nip,nic->pc", self.basis, ordered)
         gram = np.einsum("nic,nid->cd", ordered, ordered)
@@ -83,14 +83,16 @@ class ClearedRows:
         return whitened
 
     def _list_rows_near(self, edge: int) -> I64:
-        """Every row from the last edge of the grid before *edge* to the next one after it."""
+        """List every row from the grid edge before *edge* to the grid edge after it."""
         k = int(np.searchsorted(self.edges, edge))
         low, high = self.edges[max(k - 1, 0)], self.edges[min(k + 1, len(self.edges) - 1)]
         return np.arange(low, high + 1)
 
     def _best(self, ordered: F64, firsts: I64, ends: I64) -> tuple[int, int]:
-        """The stretch from one of *firsts* to before one of *ends* that gains most; (0, 0) where
-        none is long enough."""
+        """Find the stretch from one of *firsts* to before one of *ends* that gains most.
+
+        Return (0, 0) where no stretch is long enough.
+        """
         edges = np.unique(np.concatenate([[0], firsts, ends]))
         shared, gram, slope = self._sums(ordered, edges)
         best, stretch = -1.0, (0, 0)
@@ -108,7 +110,7 @@ class ClearedRows:
         return stretch
 
     def _sums(self, ordered: F64, edges: I64) -> tuple[F64, F64, F64]:
-        """Products (E, p, c), (E, c, c), (E, c) of all rows before each edge."""
+        """Compute products (E, p, c), (E, c, c), (E, c) of all rows before each edge."""
         p, c = self.basis.shape[2], ordered.shape[2]
         shared = np.zeros((len(edges), p, c))
         gram, slope = np.zeros((len(edges), c, c)), np.zeros((len(edges), c))
@@ -121,8 +123,10 @@ class ClearedRows:
 
 
 def clear_rows(identification: Identification, without: I64) -> ClearedRows | None:
-    """Project everything that *identification* fits out of its residuals, the rows *without*
-    counting for nothing; None where that is too large."""
+    """Project all fitted unknowns out of the residuals of *identification*.
+
+    The rows *without* get the weight 0. Return None where the problem is too small or too large.
+    """
     observations, linearisation = identification.observations, identification.linearisation
     n = observations.n
     placements, targets = np.unique(observations.placement), _list_seats(identification)
@@ -149,7 +153,7 @@ def clear_rows(identification: Identification, without: I64) -> ClearedRows | No
 
 
 def order_by_acquisition(identification: Identification) -> I64:
-    """(n,) rows in the order of their measurement: sessions by their start, rows by their time."""
+    """Return the rows (n,) in the order of measurement: sessions by start, rows by time."""
     observations = identification.observations
     time_s = observations.states.time_s
     started_s = np.full(len(observations.session_names), np.inf)
@@ -160,14 +164,14 @@ def order_by_acquisition(identification: Identification) -> I64:
 
 
 def _list_seats(identification: Identification) -> I64:
-    """Targets without a certified position that readings touch."""
+    """List the touched targets that have no certified position."""
     observations = identification.observations
     touched = np.unique(observations.target[~observations.has_truth])
     return touched[observations.unknown[touched]]
 
 
 def _spread_columns(number: I64, numbers: Sequence[int] | I64, columns: F64) -> F64:
-    """(n, 3, k m) *columns* (n, 3, m) of each row at the place of its *number* (n,)."""
+    """Place the *columns* (n, 3, m) of each row at its *number* (n,); return (n, 3, k m)."""
     n, m = len(number), columns.shape[2]
     spread = np.zeros((n, 3, len(numbers), m))
     row, place = np.nonzero(number[:, None] == np.asarray(numbers))
@@ -176,7 +180,7 @@ def _spread_columns(number: I64, numbers: Sequence[int] | I64, columns: F64) -> 
 
 
 def _orthonormalise(columns: F64) -> F64:
-    """An orthonormal basis (3 n, p) of what *columns* (3 n, c) span."""
+    """Return an orthonormal basis (3 n, p) of the span of *columns* (3 n, c)."""
     size = np.linalg.norm(columns, axis=0)
     scaled = columns[:, size > 0.0] / size[size > 0.0]
     value, vector = np.linalg.eigh(scaled.T @ scaled)
@@ -186,7 +190,7 @@ def _orthonormalise(columns: F64) -> F64:
 
 
 def _solve(gram: F64, shared: F64, slope: F64) -> tuple[F64, F64, I64]:
-    """Steps (k, c), what they gain (k,), and how many columns tell (k,), of k groups."""
+    """Solve for k groups: steps (k, c), their gains (k,), numbers of unabsorbed columns (k,)."""
     size = np.sqrt(np.einsum("kcc->kc", gram))
     size = np.where(size > 0.0, size, 1.0)
     reduced_gram = (gram - shared.transpose(0, 2, 1) @ shared) / (

@@ -1,4 +1,4 @@
-"""Rows with another tip, or another place of the artefact, than the rest: how far, and in words."""
+"""Rows with another tip, or another place of the artefact, than the rest: distance and words."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from armd.arrays import F64
 from armd.errors import BadInput
 from armd.terminal.counted import format_count
 
-#: So many stretches of rows of a session are named; the rest are counted.
+#: The most stretches of rows that are named for a session; otherwise the rows are counted.
 MOST_STRETCHES = 4
 
 
 class Differs(Enum):
-    """What is other in a group of rows."""
+    """The kind of difference between a group of rows and the rest."""
 
     TIP = "tip"
     PLACE = "place"
-    ARM = "arm"  # a joint's zero, or the links' lengths: only to compare with
+    ARM = "arm"  # a joint's zero, or the links' lengths: only for comparison
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,12 @@ class SecondGroup:
 
     @property
     def length_mm(self) -> float:
-        """How far the second tip or place is from the first."""
+        """The distance of the second tip or place from the first."""
         return float(np.linalg.norm(self.step_mm))
 
     @property
     def is_whole(self) -> bool:
-        """Whether the group is whole sessions."""
+        """Whether the group consists of whole sessions."""
         return all(session.is_whole for session in self.sessions)
 
     @property
@@ -76,11 +76,11 @@ class SecondGroup:
         return tuple(str(session.path) for session in self.sessions)
 
     def name_rows(self) -> str:
-        """The group's sessions or rows."""
+        """Return the group's sessions or rows, in words."""
         return " and ".join(session.in_words() for session in self.sessions)
 
     def reason(self) -> str:
-        """What differs in which rows, by how much."""
+        """Return which rows differ from the rest, in what, and by how much."""
         distance = format_uncertainty(self.length_mm, self.length_uncertainty_mm)
         remainder = format_count(self.n_rest, "other reading")
         if self.differs is Differs.PLACE:
@@ -96,7 +96,7 @@ class SecondGroup:
         )
 
     def in_words(self) -> str:
-        """The reason, and how much it explains."""
+        """Return the reason, and how much it explains."""
         cause = "two tips" if self.differs is Differs.TIP else "a placement of their own"
         return (
             f"{self.reason()}; with {cause} the readings miss by {self.after_um:.4g} instead"
@@ -104,11 +104,11 @@ class SecondGroup:
         )
 
     def faults(self) -> list[BadInput]:
-        """One for each session that holds both groups: it cannot be right as it is."""
+        """Return a fault for each session that holds both groups, as no session may."""
         return [self._fault(session) for session in self.sessions if not session.is_whole]
 
     def refusal(self) -> BadInput:
-        """The same where nothing can be identified from all sessions together."""
+        """Return the fault for sessions that cannot be identified together."""
         partly = [session for session in self.sessions if not session.is_whole]
         return self._fault((partly or list(self.sessions))[0])
 
@@ -122,7 +122,7 @@ class SecondGroup:
         return BadInput(session.path, "the session", self.in_words(), expected)
 
     def as_json(self) -> dict[str, Any]:
-        """As `armd calibrate --json` writes it; rows are counted from 1."""
+        """Return the object that `armd calibrate --json` writes; rows are counted from 1."""
         return {
             "differs": self.differs.value,
             "sessions": [
@@ -137,13 +137,13 @@ class SecondGroup:
 
 
 def format_uncertainty(value_mm: float, uncertainty_mm: float) -> str:
-    """`5.662 ± 0.004`: two digits of the uncertainty at most, and µm at best."""
+    """Format as `5.662 ± 0.004`: two digits of the uncertainty at most, and µm at best."""
     digits = int(np.clip(np.ceil(-np.log10(max(uncertainty_mm, 1e-12))), 0, 3))
     return f"{value_mm:.{digits}f} ± {max(uncertainty_mm, 10.0**-digits):.{digits}f}"
 
 
 def _find_stretches(rows: tuple[int, ...]) -> list[tuple[int, int]]:
-    """First and last row, counted from 1, of each run of rows without a gap."""
+    """Return the first and last row, counted from 1, of each run of rows without a gap."""
 
     def runs() -> Iterator[list[int]]:
         for _, run in groupby(enumerate(sorted(rows)), lambda pair: pair[1] - pair[0]):

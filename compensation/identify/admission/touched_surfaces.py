@@ -1,4 +1,4 @@
-"""Refuse surfaces that were touched at too few or too near places to say where they are."""
+"""Refuse surfaces that were touched at too few places, or places too close, to locate them."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from armd.compensation.estimate.surfaces import LEAST_COSINE, compute_mean_cosin
 from armd.errors import BadInput
 from armd.terminal.counted import format_count
 
-#: Places on a plane, and along a cylinder, spread by at least this (RMS, mm) in their narrower
-#: direction: under a drawing, one spot touched from many sides seems to spread by half of it.
+#: The least spread (RMS, mm) of places on a plane in its narrower direction, and along a cylinder.
+#: Under the nominal geometry, one spot touched from many sides seems to spread by half of it.
 LEAST_SPREAD_MM = 2.0
-#: Places that spread by less than this (mm) are one spot, too, if they lie in a cloud and not in a
-#: plane: off it by half as much. A bad drawing makes such a cloud of a spot.
+#: Places that spread by less than this (mm) also count as one spot if they lie in a cloud and not
+#: in a plane: if they leave the plane by half as much. A bad nominal geometry makes a cloud of a
+#: spot.
 SPOT_MM = 5.0
-#: Normals of a sphere spread by at least this (RMS) in each of two directions: those of a cap of
-#: 25° about its pole do. Around a cylinder those of an arc of 50° do.
+#: The least spread (RMS) of a sphere's normals in each of two directions: normals of a cap of 25°
+#: about its pole reach it. Around a cylinder those of an arc of 50° do.
 LEAST_TURN = 0.2
-#: No more than this of the shaft along the normals leaves open which side it comes from.
+#: With a smaller part of the shaft along the normals, the side that was touched is undetermined.
 LEAST_SHAFT = 0.05
 
 
 def require_surfaces(
     sessions: Sequence[Session], observations: Observations, poses: Poses, position_mm: F64
 ) -> None:
-    """Raise `BadInput` for a surface that its readings do not place.
+    """Raise `BadInput` for a surface that its readings do not locate.
 
-    *poses* and *position_mm* (n, 3), base frame: of any model that is near enough.
+    *poses* and *position_mm* (n, 3), base frame, may be of any model that is near enough.
     """
     if not observations.on_surface.any():
         return
@@ -56,7 +57,7 @@ def require_surfaces(
 def _find_fault(
     observations: Observations, rows: I64, kind: int, position: F64, normal: F64
 ) -> tuple[str, str] | None:
-    """What was found and expected, if the readings *rows* (m,) do not place their surface."""
+    """Return what was found and expected if readings *rows* (m,) do not locate a surface."""
     target = observations.target[rows]
     parts = [target == k for k in np.unique(target)]
     n_needed = FREEDOM[kind] + int(kind == CYLINDER) + len(parts) - 1
@@ -76,7 +77,7 @@ def _find_fault(
         axis = np.linalg.svd(normal)[2][2]
         off = position - position.mean(axis=0)
         thin, across = float(_compute_spread(off)[2]), np.linalg.svd(off)[2][2]
-        # A circle lies on a cylinder that leans either way, too.
+        # One circle also lies on cylinders that are inclined to it.
         along = thin if abs(axis @ across) > np.sqrt(0.5) else float(np.std(position @ axis))
         if along < LEAST_SPREAD_MM:
             problem = f"a cylinder touched around one circle ({along:.2g} mm RMS along it)"
@@ -92,7 +93,7 @@ def _find_fault(
 
 
 def _needs_side(observations: Observations, target: int) -> bool:
-    """Whether it counts on which side of a surface the tip's radius lies."""
+    """Return whether it matters on which side of a surface the tip's radius lies."""
     tied = bool(np.isin(target, observations.distances.between))
     return tied or (observations.kind[target] != PLANE and not observations.unknown[target])
 
@@ -110,7 +111,7 @@ def _find_missing_side(
 
 
 def _compute_spread(points: F64) -> F64:
-    """RMS (3,) of centred points (n, 3) along their principal directions, the largest first."""
+    """Return the RMS (3,) of centred points (n, 3) along their principal directions, descending."""
     spread: F64 = np.linalg.svd(points, compute_uv=False) / np.sqrt(len(points))
     return np.append(spread, np.zeros(3))[:3]
 

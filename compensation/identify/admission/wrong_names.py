@@ -1,8 +1,8 @@
-"""Readings under another target's name: somebody touched one target and wrote down another.
+"""Find readings under another target's name: one target was touched and another was written down.
 
-Where a whole session exchanges two names, `mistakes` tells. Here a few readings miss their own
-target by a multiple of what the others miss by, and lie at another one as closely as the others
-lie at theirs. A reading that lies nowhere is an outlier, and none of this file's.
+`mistakes` finds a whole session that exchanges two names. Here a few readings miss their own target
+by a multiple of the usual miss. They lie at another target as closely as other readings at theirs.
+A reading that lies at no target is an outlier and is not reported here.
 """
 
 from __future__ import annotations
@@ -30,28 +30,29 @@ from armd.compensation.identify.admission.mistakes import (
 from armd.errors import BadInput
 from armd.terminal.counted import format_count
 
-#: What readings miss their targets by is skewed: under a drawing one in a hundred misses by three
-#: to four medians. One that lies at its own target is not FAR, one that lies at another is NEAR.
+#: The misses are skewed: under the nominal geometry one reading in a hundred misses by three to
+#: four medians. In medians, a reading farther than FAR is not at its target, and one within NEAR
+#: is.
 FAR, NEAR = 12.0, 4.0
-#: Rows that a message lists.
+#: The most rows that a message lists.
 MOST_TOLD = 6
 
 
 @dataclass(frozen=True)
 class WrongNames:
-    """m readings, by their place among the observations, and the targets they lie at."""
+    """The m readings with a wrong name, by their index, and the targets at which they lie."""
 
     reading: I64  # (m,)
     touched: I64  # (m,) targets
-    own_mm: F64  # (m,) from the target that the reading names
-    at_mm: F64  # (m,) from the one it lies at
+    own_mm: F64  # (m,) distance from the target that the reading names
+    at_mm: F64  # (m,) distance from the target at which it lies
 
 
 def find_wrong_names(observations: Observations, model: AssumedModel) -> WrongNames:
-    """The readings of one session that, under *model*, lie at another target than they name.
+    """Find the readings of one session that, under *model*, lie at another target than they name.
 
-    Readings whose own truth counts, those on surfaces, and those without a temperature that *model*
-    needs, name none.
+    Readings with a truth of their own, those on surfaces, and those without a temperature that
+    *model* needs are skipped.
     """
     position = model.tip_mm(observations)
     pointed = ~observations.has_truth & ~observations.on_surface
@@ -61,7 +62,7 @@ def find_wrong_names(observations: Observations, model: AssumedModel) -> WrongNa
     observations, position = observations.rows(judged_rows), position[judged_rows]
     poses, own_mm = fit_robust_poses(observations, position, roughly=True)
     level = max(float(np.median(own_mm)), LEAST_MM)
-    # Where hardly any reading lies at its target, nothing says where the artefact is.
+    # Where hardly any reading lies at its target, the artefact's pose is not known.
     n_near = np.bincount(
         observations.placement[own_mm < NEAR * level], minlength=len(observations.placement_names)
     )
@@ -86,9 +87,9 @@ def find_wrong_names(observations: Observations, model: AssumedModel) -> WrongNa
 def list_misnamed(
     sessions: Sequence[Session], observations: Observations, model: AssumedModel
 ) -> list[BadInput]:
-    """Of each of *sessions*, what is wrong with readings that lie at another target than they name.
+    """List a fault for each of *sessions* with readings at another target than they name.
 
-    *observations* are of *sessions*, some rows of them left out or none.
+    *observations* are of *sessions*; some rows may be missing.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
         return _list_misnamed(sessions, observations, model)
@@ -116,7 +117,7 @@ def refuse_misnamed(
 def report_misnamed(
     sessions: Sequence[Session], observations: Observations, model: AssumedModel
 ) -> list[str]:
-    """The same in words, where such readings are outliers among many that are right."""
+    """Report misnamed readings in words, where they are outliers among many right ones."""
     return [
         f"{Path(fault.file).parent.name}: {fault.found}"
         for fault in list_misnamed(sessions, observations, model)

@@ -1,1 +1,1 @@
-"""What a model leaves of sessions, in residuals and lengths: nothing of the arm is fitted."""
+"""Evaluate a model on sessions: residuals and lengths; no constant of the arm is fitted."""

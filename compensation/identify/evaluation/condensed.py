@@ -1,8 +1,8 @@
-"""Readings of one kind as a few that stand for all of them.
+"""Replace readings of one kind by a few points with the same moments.
 
-What a rigid motion and an unknown point do to the sum of squares of n readings depends on their
-number, mean and scatter alone. So d + 1 points in d dimensions that share all three stand for any
-number of readings, exactly: least squares cannot tell them from the whole.
+A rigid motion and an unknown point change the sum of squares of n readings only through their
+number, mean and scatter. So d + 1 points in d dimensions with the same moments replace any number
+of readings, exactly: least squares gives the same result.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from armd.arrays import F64, I64
 
 @dataclass
 class PointMoments:
-    """Number, mean (d,) and scatter about it (d, d) of some points."""
+    """Number, mean (d,) and scatter about the mean (d, d) of some points."""
 
     n: float
     mean: F64
     scatter: F64
 
     def add(self, moments: PointMoments) -> None:
-        """Chan, Golub and LeVeque (1979): nothing large is subtracted from anything large."""
+        """Add other points by Chan, Golub and LeVeque (1979), which avoids cancellation."""
         n = self.n + moments.n
         offset = moments.mean - self.mean
         self.scatter = (
@@ -33,8 +33,10 @@ class PointMoments:
         self.n = n
 
     def points(self) -> F64:
-        """d + 1 points (d + 1, d) that have this mean, and n / (d + 1) times whose scatter is it:
-        a simplex, stretched."""
+        """Return a simplex of d + 1 points (d + 1, d) with these moments.
+
+        Its mean is this mean, and n / (d + 1) times its scatter is this scatter.
+        """
         d = len(self.mean)
         size, axes = np.linalg.eigh(self.scatter)
         corners = np.linalg.svd(np.ones((1, d + 1)))[2][1:].T  # orthonormal, about zero
@@ -44,8 +46,8 @@ class PointMoments:
 
 
 def compute_moments(group: I64, points: F64) -> dict[int, PointMoments]:
-    """The moments of points (n, d) that share a group number."""
-    if len(group) and (group == group[0]).all():  # as of a tracker that follows one point
+    """Compute the moments of points (n, d) that share a group number."""
+    if len(group) and (group == group[0]).all():  # as with a tracker that follows one point
         return {int(group[0]): _compute_moments_of_one(points)}
     groups, place, n = np.unique(group, return_inverse=True, return_counts=True)
     d, size = points.shape[1], len(groups)

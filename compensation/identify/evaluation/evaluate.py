@@ -1,4 +1,4 @@
-"""Residuals of sessions under a model: only placements and unknown seats are fitted."""
+"""Compute residuals of sessions under a model: only placements and unknown seats are fitted."""
 
 from __future__ import annotations
 
@@ -34,34 +34,34 @@ from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
 from armd.errors import BadInput
 
-#: Rows whose parameters are held in memory at once.
+#: The rows whose parameters are in memory at once.
 CHUNK = 1 << 16
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Residuals of the readings that could be evaluated."""
+    """The residuals of the readings that could be evaluated."""
 
     observations: Observations  # of those readings
     poses: Poses
     position_mm: F64  # (n, 3) base frame
     residual_mm: F64  # (n, 3) tip minus target, base frame
     n_unused: int  # readings that lack a temperature the model needs
-    reflectors: list[FoundReflector] = field(default_factory=list)  # where they sit, fitted along
+    reflectors: list[FoundReflector] = field(default_factory=list)  # fitted positions
 
     @property
     def distance_um(self) -> F64:
-        """3-D distances (n,) of tip from target."""
+        """The 3-D distances (n,) of the tip from its target."""
         distance: F64 = 1e3 * np.linalg.norm(self.residual_mm, axis=1)
         return distance
 
     @property
     def rms_um(self) -> float:
-        """3-D RMS of all readings that could be evaluated."""
+        """The 3-D RMS of all readings that could be evaluated."""
         return float(np.sqrt(np.mean(self.distance_um**2)))
 
     def as_json(self) -> dict[str, Any]:
-        """As `armd evaluate --json` writes it."""
+        """Return the object that `armd evaluate --json` writes."""
         distance, observations = self.distance_um, self.observations
         names = observations.session_names
         return {
@@ -77,7 +77,7 @@ class Evaluation:
 
     @property
     def lengths(self) -> list[Length]:
-        """Certified lengths beside those between the fitted seats."""
+        """The certified lengths, each with the length between the fitted seats."""
         return measure_certified_lengths(self.observations, self.poses, self.residual_mm)
 
 
@@ -87,7 +87,7 @@ def evaluate(
     calibration: Calibration | None,
     progress: TellStep | None = None,
 ) -> Evaluation:
-    """Residuals under a calibration, or under the drawing of arm.toml without one."""
+    """Compute residuals under a calibration, or without one under the nominal model of arm.toml."""
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
         return _evaluate(sessions, arm, calibration, progress)
 
@@ -121,8 +121,10 @@ def _evaluate(
 def _fit_reflectors(
     tips: ReflectorTerms, constants: F64, every: Sequence[Term], reference_c: float
 ) -> Identification:
-    """Fit where unknown reflectors sit, constants (P,) and *every* other term being as they are;
-    readings without a temperature that a term needs have no part."""
+    """Fit the positions of unknown reflectors, with constants (P,) and other terms fixed.
+
+    *every* lists all terms. Readings without a temperature that a term needs are skipped.
+    """
     arm = tips.observations.arm
     basis = compute_basis_values(every, tips.observations.states, arm, reference_c, constants)
     usable: Mask = np.all(np.isfinite(basis), axis=1)
@@ -137,9 +139,10 @@ def evaluate_model(
     reference_c: float,
     progress: TellStep | None = None,
 ) -> Evaluation:
-    """Residuals under constants (P,) and terms; memory stays bounded for millions of readings.
+    """Compute residuals under constants (P,) and terms.
 
-    Raises `BadInput` where no reading has the temperatures that the terms need.
+    Memory stays bounded for millions of readings. Raises `BadInput` where no reading has the
+    temperatures that the terms need.
     """
     states, arm = observations.states, observations.arm
     basis = compute_basis_values(terms, states, arm, reference_c, constants)
@@ -185,7 +188,10 @@ def refuse_overflows(observations: Observations, position: F64, basis: F64) -> N
 def make_temperature_fault(
     observations: Observations, terms: Sequence[Term], n: int, missing: I64
 ) -> BadInput:
-    """Names the sensor that most of *n* readings lack; *missing* (S,) of them lack each."""
+    """Return a fault that names the sensor that most of *n* readings lack.
+
+    *missing* (S,) counts for each sensor the readings that lack it.
+    """
     sensors = observations.arm.sensors
     needed = sorted(list_sensors(terms), key=sensors.index)
     worst = max(needed, key=lambda name: int(missing[sensors.index(name)]))

@@ -1,8 +1,8 @@
-"""`armd evaluate` of sessions of any length: their readings go by twice, and none is kept.
+"""Evaluate sessions of any length for `armd evaluate`: readings are read twice, none is kept.
 
-The first time they become moments, of which poses and unknown seats are fitted; the second time
-each is held against them. `evaluate` does the same with everything in memory; a test holds the two
-together.
+The first pass sums them into moments, from which poses and unknown seats are fitted. The second
+pass compares each reading with the fit. `evaluate` does the same in memory; a test compares the
+two.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ from armd.compensation.model.state import follow_lag
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
 
-#: Bytes of readings that are read at once: some 100 000 of them, which take no more memory than
-#: what goes by in pieces does.
+#: Bytes of readings that are read at once: about 100 000 readings, which take no more memory than
+#: reading in pieces.
 MOST_AT_ONCE = 16 << 20
 LONG = f"`armd evaluate` of more than {MOST_AT_ONCE >> 20} MiB of readings"
 
 
 class _BackInTime(Exception):
-    """Readings do not stand in the order of time, and a lag wants them so."""
+    """Readings are not in the order of time, which a lag requires."""
 
 
 def evaluate_files(
@@ -61,10 +61,12 @@ def evaluate_files(
     calibration: Calibration | None,
     progress: TellStep,
 ) -> tuple[dict[str, Any], list[Length]]:
-    """What `--json` has, and the certified lengths, of the session folders *paths*, piece by piece:
-    for those that `is_long` says so of."""
+    """Evaluate the session folders *paths* piece by piece, if `is_long`.
+
+    Return the object of `--json` and the certified lengths.
+    """
     keep_freed_memory()
-    # The matrices are small: threads of the library's own cost more than they bring.
+    # The matrices are small: the library's own threads cost more than they gain.
     with threadpool_limits(limits=1, user_api="blas"):
         return _evaluate_files(paths, arm, calibration, progress)
 
@@ -85,14 +87,14 @@ def _evaluate_files(
 
 
 def is_long(paths: Sequence[str | Path]) -> bool:
-    """Whether the readings of these session folders are too many to be held at once."""
+    """Return whether these session folders have too many readings to load at once."""
     files = [Path(path) / name for path in paths for name in READINGS]
     return sum(file.stat().st_size for file in files if file.is_file()) > MOST_AT_ONCE
 
 
 @dataclass(frozen=True)
 class _Piece:
-    """Readings of one session, and all that earlier ones have to say of them."""
+    """Readings of one session, with the slow factors that depend on earlier readings."""
 
     session: int
     readings: Session
@@ -110,7 +112,7 @@ class _Passes:
         self._terms: Sequence[Term] = calibration.terms if calibration else []
         loaded = LoadedCalibration(calibration, "", Path()) if calibration else None
         self._model = Model(arm, loaded)
-        self._last: dict[int, Session] = {}  # piece of each session, which names all placements
+        self._last: dict[int, Session] = {}  # last piece of a session; it names all placements
         self._n = 0
         self._missing = np.zeros(len(arm.sensors), np.int64)
         self._remarks: list[str] = []
@@ -169,7 +171,7 @@ class _Passes:
                 yield _Piece(i, session, self._model.slow_values(session.states, delay=lags.follow))
 
     def _note(self, i: int, session: Session) -> None:
-        """Keep what is told of the readings in the end."""
+        """Keep what the remarks at the end need from a piece."""
         self._last[i] = session
         self._n += session.n
         self._remarks += session.remarks
@@ -185,7 +187,7 @@ class _Passes:
         return [remark for session in remarks for remark in session]
 
     def _tips(self, piece: _Piece) -> tuple[Observations, F64]:
-        """The readings that have every temperature they need, and their tips (n, 3)."""
+        """Return the readings that have every temperature they need, and their tips (n, 3)."""
         readings = collect_observations([piece.readings], self._arm, self._artefact)
         tip = self._model.position_rows(readings.states, piece.slow)
         refuse_overflows(readings, tip, piece.slow)
@@ -193,7 +195,10 @@ class _Passes:
         return (readings, tip) if usable.all() else (readings.rows(usable), tip[usable])
 
     def _moments(self, piece: _Piece) -> dict[_Key, PointMoments]:
-        """By session, placement, target and kind: of (stretch, tip), or of (truth, tip)."""
+        """Return moments by session, placement, target and kind.
+
+        The points are (stretch, tip), or (truth, tip) of readings with a truth of their own.
+        """
         readings, tip = self._tips(piece)
         n_targets = len(readings.target_names)
         moments_by_key = {}
@@ -210,12 +215,12 @@ class _Passes:
         return moments_by_key
 
 
-#: session, placement of it, target of it, whether the readings have truths of their own
+#: session, placement and target within it, whether the readings have truths of their own
 _Key = tuple[int, int, int, bool]
 
 
 class _Lags:
-    """Temperatures delayed from piece to piece."""
+    """Delay temperatures from piece to piece."""
 
     def __init__(self) -> None:
         self._memory: dict[str, F64] = {}
@@ -239,7 +244,7 @@ def _select_session(poses: Poses, observations: Observations, session: int) -> P
 def _condense(
     observations: Observations, moments: dict[_Key, PointMoments]
 ) -> tuple[Observations, F64, F64]:
-    """Few readings that stand for all, how many each stands for, and their tips (m, 3)."""
+    """Return a few readings that replace all, their weights in readings, and their tips (m, 3)."""
     sessions = np.arange(len(observations.session_names))
     first_placement = np.searchsorted(observations.placement_session, sessions)
     first_target = np.searchsorted(observations.target_session, sessions)

@@ -1,4 +1,4 @@
-"""What `armd evaluate` tells of sessions that are in memory."""
+"""Evaluate sessions in memory for `armd evaluate`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def evaluate_sessions(
     *,
     refit_tip: bool = False,
 ) -> tuple[dict[str, Any], Evaluation]:
-    """What `--json` has, and the residuals, of sessions in memory."""
+    """Evaluate sessions in memory; return the object of `--json`, and the residuals."""
     with threadpool_limits(limits=1, user_api="blas"):
         return _evaluate_sessions(sessions, arm, calibration, progress, refit_tip)
 

@@ -1,4 +1,4 @@
-"""Certified lengths beside what the arm makes of them: the yardstick of its size."""
+"""Compare certified lengths with those that the arm measures: they check its size."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from armd.arrays import F64
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.placements.poses import Poses
 
-#: Farther off than this, in standard uncertainties, a length contradicts the arm.
+#: A length that is off by more standard uncertainties contradicts the arm.
 MOST_OFF = 3.0
 
 
 @dataclass(frozen=True)
 class Length:
-    """A certified length, and the same between the seats as the arm finds them."""
+    """A certified length, and the length between its seats as the arm measures it."""
 
     between: tuple[str, str]
     certified_mm: float
     standard_uncertainty_mm: float  # as certified
     measured_mm: float
-    measured_uncertainty_mm: float  # standard uncertainty of the seats found, from their scatter
+    measured_uncertainty_mm: float  # standard uncertainty of the measured seats, from their scatter
 
     @property
     def error_mm(self) -> float:
@@ -38,12 +38,12 @@ class Length:
 
     @property
     def uncertainty_mm(self) -> float:
-        """Standard uncertainty of the error, the certificate's and the scatter's together."""
+        """The standard uncertainty of the error, of certificate and scatter together."""
         together = math.hypot(self.standard_uncertainty_mm, self.measured_uncertainty_mm)
         return max(together, 1e-9)
 
     def as_json(self) -> dict[str, Any]:
-        """As `--json` of calibrate and evaluate have it."""
+        """Return the object that `--json` of calibrate and evaluate contains."""
         return {"error_um": 1e3 * self.error_mm, **asdict(self), "off": self.off}
 
     def in_words(self) -> str:
@@ -57,10 +57,10 @@ class Length:
 def measure_certified_lengths(
     observations: Observations, poses: Poses, residual_mm: F64, weight: F64 | None = None
 ) -> list[Length]:
-    """Certified lengths between points that were touched.
+    """Measure the certified lengths between points that were touched.
 
-    *poses* and *residual_mm* (n, 3): of a fit that the lengths themselves had no part in. *weight*
-    (n,): how many readings each row stands for.
+    *poses* and *residual_mm* (n, 3) are of a fit in which the lengths were not used. *weight* (n,)
+    is the number of readings that each row replaces.
     """
     weight = np.ones(observations.n) if weight is None else weight
     certified = observations.distances
@@ -83,10 +83,10 @@ def measure_certified_lengths(
 def _compute_scatter_mm(
     observations: Observations, residual_mm: F64, weight: F64, ends: Sequence[int]
 ) -> float:
-    """Standard uncertainty of the distance between two seats, from how their readings scatter.
+    """Compute the standard uncertainty of the distance between two seats from the scatter.
 
-    Placements tell it each for itself, as well as their readings at both ends let them; where none
-    holds both, the ends are taken as if known alone.
+    Each placement gives the distance with the precision of its readings at both ends. If no
+    placement holds both ends, each end counts with all its readings.
     """
     variance = np.zeros(2)
     count = np.zeros((2, len(observations.placement_names)))

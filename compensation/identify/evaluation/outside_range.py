@@ -1,4 +1,4 @@
-"""Readings warmer or colder than the calibration knows the arm: what is said of them."""
+"""Report readings warmer or colder than the temperatures of the calibration."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, list_used_sensors
 from armd.terminal.counted import format_count
 
-#: Sensors read so far beside each other; a link of 0.5 m grows by 6 µm at most.
+#: Sensors differ by this much; a link of 0.5 m expands by 6 µm at most.
 LEAST_K = 0.5
 
 
@@ -27,11 +27,11 @@ class OutsideRange:
         ]
         self._n: dict[int, int] = {}  # readings, by session
         self._names: dict[int, str] = {}
-        #: outside, lowest, highest
+        #: number outside, lowest, highest
         self._outside: dict[tuple[int, int], tuple[int, float, float]] = {}
 
     def add(self, session: int, name: str, celsius: F64) -> None:
-        """The next readings (n, S) °C of a session, NaN missing."""
+        """Add the next readings (n, S) °C of a session, NaN where missing."""
         self._names[session] = name
         self._n[session] = self._n.get(session, 0) + len(celsius)
         for s, _, low, high in self._columns:
@@ -46,7 +46,7 @@ class OutsideRange:
                 )  # fmt: skip
 
     def in_words(self) -> list[str]:
-        """A sentence for each session that has such readings."""
+        """Return a sentence for each session that has such readings."""
         sentences = []
         for session, name in self._names.items():
             words = [

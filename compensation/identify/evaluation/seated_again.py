@@ -1,4 +1,4 @@
-"""The tip fitted anew, where a ball or reflector was screwed in or seated otherwise than before."""
+"""Fit the tip again, where a ball or reflector was exchanged or seated differently."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.errors import BadInput
 
-#: A tip fitted anew is worth a hint where it leaves less than this share of the error …
+#: A fitted tip is worth a hint if it leaves less than this share of the error …
 EXPLAINS = 0.5
-#: … and moves by more than this: less is what a seat repeats by.
+#: … and moves by more than this: a seat repeats to less.
 LEAST_MOVED_MM = 0.02
-#: A trial move of the tip: large beside rounding, small beside the turn of a placement's radius.
+#: A trial move of the tip: large beside rounding, small beside a placement's lever.
 TRIAL_MM = 0.1
 #: Directions in which a tip moves the residuals by less than this share of the best known one are
-#: left where they are: the placements absorb them.
+#: not fitted: the placements absorb them.
 LEAST_SINGULAR = 1e-3
-#: Readings that three more unknowns want at least.
+#: The least readings for three more unknowns.
 LEAST_READINGS = 12
-#: More readings are not fitted only for a hint.
+#: With more readings, no fit is made for a hint.
 MOST_READINGS = 5_000
 
 
 @dataclass(frozen=True)
 class FittedTip:
-    """Where the tip is by these sessions."""
+    """The tip's offset as fitted to these sessions."""
 
     offset_mm: F64  # (3,) last frame
     standard_uncertainty_mm: F64  # (3,)
-    before_mm: F64  # (3,) of the model under evaluation
+    before_mm: F64  # (3,) of the evaluated model
 
     @property
     def moved_mm(self) -> float:
-        """How far it is from where the model has it."""
+        """The distance from the model's tip."""
         return float(np.linalg.norm(self.offset_mm - self.before_mm))
 
     def as_json(self) -> dict[str, Any]:
@@ -62,9 +62,9 @@ class FittedTip:
 
 
 def fit_tip(sessions: Sequence[Session], arm: Arm, calibration: Calibration | None) -> FittedTip:
-    """The one tip of all *sessions* with which the model errs least, all else as it is.
+    """Fit one tip to all *sessions*, with all other parameters of the model fixed.
 
-    Raises `BadInput` where the readings do not give it.
+    Raises `BadInput` for fewer than `LEAST_READINGS` readings.
     """
     observations = evaluate(sessions, arm, calibration).observations
     constants = calibration.vector(arm.n_joints) if calibration else arm.nominal()
@@ -82,10 +82,11 @@ def fit_tip(sessions: Sequence[Session], arm: Arm, calibration: Calibration | No
 
 
 def make_tip_hint(arm: Arm, calibration: Calibration | None, evaluation: Evaluation) -> list[str]:
-    """Return a sentence where another tip would explain most of what the readings miss by.
+    """Return a sentence where another tip would explain most of the residuals.
 
-    One linear step, without a fit: a hint costs no more than the evaluation itself. Without a
-    calibration the drawing misses by more than its tip, and nothing is said.
+    One linear step is made, without a fit, so a hint costs no more than the evaluation itself.
+    Without a calibration no hint is given, because the nominal geometry misses by more than its
+    tip.
     """
     if calibration is None or not LEAST_READINGS <= evaluation.observations.n <= MOST_READINGS:
         return []
@@ -104,10 +105,10 @@ def make_tip_hint(arm: Arm, calibration: Calibration | None, evaluation: Evaluat
 
 
 def _compute_tip_step(constants: F64, evaluation: Evaluation) -> tuple[F64, float]:
-    """Return how the tip (3,) mm moves to lower the residuals most, and their RMS (µm) there.
+    """Return the tip's move (3,) mm that lowers the residuals most, and their RMS (µm) there.
 
     Placements and unknown seats follow each trial move (variable projection). The last frame is
-    turned as the *constants* (P,) alone have it: what terms turn it by is below a milliradian.
+    turned as by the *constants* (P,) alone: terms turn it by less than a milliradian.
     """
     observations = evaluation.observations
     last_frame = compute_pose(observations.states.q, constants)[1]
@@ -130,7 +131,7 @@ def _compute_tip_step(constants: F64, evaluation: Evaluation) -> tuple[F64, floa
 def replace_tip(
     arm: Arm, calibration: Calibration | None, tip: FittedTip
 ) -> tuple[Arm, Calibration | None]:
-    """The same model with the fitted tip."""
+    """Return the arm and the calibration with the fitted tip."""
     offset = [float(mm) for mm in tip.offset_mm]
     if calibration is None:
         fitted_tip = arm.tip.model_copy(update={"offset_mm": offset})

@@ -1,4 +1,4 @@
-"""Figures of any number of distances, none of which is kept."""
+"""Statistics of any number of distances, without keeping them."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 
 from armd.arrays import F64, I64
 
-#: Bins of an octave: a median between them is right within a 65 000th of itself.
+#: Bins in an octave: a median is accurate to a 65 000th of itself.
 BINS = 1 << 16
 LEAST_UM, OCTAVES = 2.0**-20, 64
-#: figures of no distance at all
+#: the statistics of no distances
 NONE: dict[str, Any] = {
     "rms_um": None, "max_um": None, "mean_um": None, "median_um": None, "n": 0,
 }  # fmt: skip
 
 
 class ErrorTally:
-    """Root mean square, mean, largest and median, told to µm."""
+    """The root mean square, mean, maximum and median of distances in µm."""
 
     def __init__(self) -> None:
         self.n = 0
         self._sum, self._squares, self._largest_um = 0.0, 0.0, 0.0
-        self._bins: I64 = np.zeros(0, np.int64)  # of the binary logarithm; as many as were needed
+        self._bins: I64 = np.zeros(0, np.int64)  # by the binary logarithm; as many as are needed
 
     def add(self, distance_um: F64) -> None:
         if not len(distance_um):
@@ -37,7 +37,7 @@ class ErrorTally:
         octave = np.log2(np.clip(distance_um / LEAST_UM, 1.0, 2.0**OCTAVES))
         bins = (octave * BINS).astype(np.int64)
         self._reach(int(bins.max()) + 1)
-        np.add.at(self._bins, bins, 1)  # not all of them: they are more than the distances
+        np.add.at(self._bins, bins, 1)  # not all bins: there are more of them than distances
 
     @classmethod
     def merge(cls, parts: Sequence[ErrorTally]) -> ErrorTally:
@@ -52,7 +52,7 @@ class ErrorTally:
         return total
 
     def as_json(self) -> dict[str, Any]:
-        """As `evaluate` has it of distances in memory."""
+        """Return the object that `evaluate` gives for distances in memory."""
         if not self.n:
             return dict(NONE)
         return {
@@ -64,12 +64,12 @@ class ErrorTally:
         }
 
     def _reach(self, bins: int) -> None:
-        """Have so many bins at least."""
+        """Extend the bins to at least this many."""
         if bins > len(self._bins):
             self._bins = np.append(self._bins, np.zeros(bins - len(self._bins), np.int64))
 
     def _median_um(self) -> float:
-        """Between the two in the middle, each where it stands if those of its bin stand evenly."""
+        """Return the mean of the two middle distances, interpolated within their bins."""
         upto = np.cumsum(self._bins)
         middle = [
             self._find_rank_um(upto, (self.n - 1) // 2),

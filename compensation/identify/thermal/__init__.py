@@ -1,1 +1,1 @@
-"""Thermal models to choose among, and which of them the readings bear."""
+"""Thermal models to choose from, and the choice that the readings support."""

@@ -1,12 +1,12 @@
-"""The thermal model (eqs. 12–15): which terms to ask for, and which of them prove themselves.
+"""Compare thermal models (eqs. 12–15): which terms to try, and which the readings confirm.
 
-A length that matters grows with the temperature of its joint: d, a and the tip's offset as
-polynomials of ΔT, all coefficients at once from all sessions. How high the order, and whether
-angles move with temperature too, is decided by the error on readings left out in turn: whole
-temperatures, and parts of the lowest and the highest. Before that, the first link's growth joins
-every model where a ramp within a placement shows it. The paper's own way (identify at each
-temperature, then regress), temperature zones and principal components of the sensors are tried on
-the same data, for comparison or by choice.
+Each length that matters may depend on the temperature of its joint: d, a and the tip's offset as
+polynomials of ΔT, all coefficients fitted at once to all sessions. The held-out error decides the
+order, and whether angles depend on temperature, too. Whole temperatures are held out in turn, and
+parts of the lowest and the highest. Before that, the first link's expansion joins every model if a
+ramp within a placement shows it. The paper's method (identify at each temperature, then regress),
+temperature zones and principal components of the sensors are tried on the same data, for comparison
+or by choice.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from armd.errors import ArmdError
 from armd.terminal.counted import format_count
 
 MOST_ORDER = 4
-#: A larger model must lower the held-out error by this much to be worth it.
+#: A larger model must lower the held-out error to this share to be accepted.
 WORTH = 0.99
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One way to model temperature, tried on readings left out."""
+    """One thermal model, tested on held-out readings."""
 
     name: str
     terms: list[Term]
@@ -52,12 +52,15 @@ class Trial:
 
     @property
     def heldout_rms_um(self) -> float:
-        """Over all readings left out; models are compared without the outliers among them."""
+        """The RMS over all held-out readings.
+
+        Models are compared without the down-weighted readings.
+        """
         return self.errors.rms_um
 
 
 class Comparison:
-    """Tries thermal models on readings left out in turn, around one fit."""
+    """Compares thermal models by held-out errors, around one fit."""
 
     def __init__(self, fit: Identification, groups: list[tuple[float, Mask]]) -> None:
         observations, arm = fit.observations, fit.observations.arm
@@ -88,7 +91,7 @@ class Comparison:
             everything, observations.states, arm, fit.reference_c, fit.constants
         )
         names = [*fit.unknowns.constants, *(term.parameter for term in everything)]
-        # At once: half of them beside the whole is much memory.
+        # Built at once: a second array beside the whole would need much memory.
         columns = fit.linearisation.make_constant_columns(names)
         columns[:, :, self._n_constants :] *= basis[:, None, :]
         fitted = fit.linearisation.make_term_columns(fit.terms, fit.linearisation.basis)
@@ -110,20 +113,20 @@ class Comparison:
 
     @cached_property
     def growth(self) -> list[Term]:
-        """The first link's growth, where a ramp shows it: in every model."""
+        """The term of the first link's expansion, if a ramp shows it: part of every model."""
         return make_growth_terms(self.fit.observations.arm) if self._shows_growth() else []
 
     @cached_property
     def models(self) -> dict[str, list[Term]]:
-        """The terms of each way to model temperature, by its name."""
+        """The terms of each thermal model, by its name."""
         return {name: [*terms, *self.growth] for name, terms in self._without_growth.items()}
 
     def errors(self, terms: Sequence[Term]) -> Errors:
-        """On readings left out, all coefficients fitted at once."""
+        """Return the held-out errors of a model, all coefficients fitted at once."""
         return self._heldout.errors(self._chosen(terms))
 
     def trials(self) -> list[Trial]:
-        """Every model on the same data, the one without temperature first."""
+        """Try every model on the same data, the one without temperature first."""
         rows = [Trial("no thermal model", [], self.errors([]))]
         rows += [Trial(n, terms, self.errors(terms)) for n, terms in self.models.items()]
         rows += [
@@ -134,7 +137,7 @@ class Comparison:
         return rows
 
     def best_order(self, trials: Sequence[Trial]) -> int:
-        """The lowest order that a higher one does not clearly beat."""
+        """Return the lowest order that no higher order clearly beats."""
         by_name = {trial.name: trial.errors.without_down_weighted_um for trial in trials}
         best, chosen = by_name["no thermal model"], 0
         for m in range(1, self.most_order + 1):
@@ -144,7 +147,7 @@ class Comparison:
         return chosen
 
     def tells_expansion(self) -> bool:
-        """Whether the linear model clearly beats that without temperature."""
+        """Return whether the linear model clearly beats the one without temperature."""
         arm = self.fit.observations.arm
         base_errors, grown_errors = (
             self.errors(make_length_terms(arm, orders)) for orders in ([], [1])
@@ -152,9 +155,12 @@ class Comparison:
         return grown_errors.without_down_weighted_um < WORTH * base_errors.without_down_weighted_um
 
     def _shows_growth(self) -> bool:
-        """Whether the readings tell the first link's growth beside a linear thermal model, and
-        those left out do not speak against it. It is one physical term, which every ramp has: it
-        need not lower the whole error by a hundredth."""
+        """Return whether the readings show the first link's expansion.
+
+        It must be significant in addition to a linear thermal model, and held-out errors must not
+        rise. It is one physical term, which every ramp has, so it need not lower the whole error by
+        a hundredth.
+        """
         arm = self.fit.observations.arm
         linear, growth = make_length_terms(arm, [1]), make_growth_terms(arm)
         if not growth:
@@ -167,7 +173,9 @@ class Comparison:
         return grown_errors.without_down_weighted_um <= base_errors.without_down_weighted_um
 
     def extended(self, terms: Sequence[Term]) -> list[Trial]:
-        """Angles that move with temperature, added where they lower the held-out error."""
+        """Return models with angles that depend on temperature, where these lower the held-out
+        error.
+        """
         chosen, best = list(terms), self.errors(terms).without_down_weighted_um
         accepted = []
         for name, extension in self.extensions.items():
@@ -180,7 +188,7 @@ class Comparison:
     def regressed(
         self, trials: Sequence[Trial], thermal_order: int | None, offset: bool
     ) -> tuple[int, Identification, Errors]:
-        """The paper's way: order, fit, and its errors on readings left out.
+        """Apply the paper's method: return order, fit, and its errors on held-out readings.
 
         Raises `ArmdError` where the temperatures are too few for the order.
         """
@@ -217,7 +225,10 @@ class Comparison:
         return range(1, min(MOST_ORDER, len(self.groups) - 2) + 1)
 
     def _regression_errors(self, order: int, offset: bool) -> Errors:
-        """The paper's way: constants at each temperature, then a polynomial through each."""
+        """Compute the held-out errors of the paper's method.
+
+        The constants are identified at each temperature, then a polynomial is fitted to each.
+        """
         constants = np.arange(self._n_constants)
         identified = np.array([solution.known_step for solution in self._identified_alone])
         changes = []
@@ -241,13 +252,15 @@ class Comparison:
 
     @cached_property
     def _identified_alone(self) -> list[Solution]:
-        """Changes of the constants identified from each temperature's readings only."""
+        """The changes of the constants, identified from each temperature's readings only."""
         return self._identified_from([mask for _, mask in self.groups])
 
     @cached_property
     def _identified_in_part(self) -> list[Solution | None]:
-        """Likewise from what stays of a temperature whose other readings are left out, one for
-        each set left out; None where nothing stays."""
+        """The changes identified from a temperature's readings that are not held out.
+
+        One for each held-out set; None where no reading of the temperature remains.
+        """
         parts = iter(self._identified_from([o.stays for o in self._out if o.stays.any()]))
         return [next(parts) if left_out.stays.any() else None for left_out in self._out]
 

@@ -1,7 +1,7 @@
-"""The paper's own way (eqs. 12–15): identify at each temperature, then regress each constant.
+"""The paper's method (eqs. 12–15): identify at each temperature, then regress each constant.
 
-P(T) = P_ref + C + Σ A_m ΔT^m, with P_ref what was identified at the temperature nearest the
-reference, and ΔT counted from there. The offset C is 0 unless asked for.
+P(T) = P_ref + C + Σ A_m ΔT^m. P_ref is the value identified at the temperature nearest the
+reference, and ΔT is counted from that temperature. The offset C is 0 unless requested.
 """
 
 from __future__ import annotations
@@ -31,8 +31,11 @@ from armd.compensation.model.terms import Term
 def make_regression(
     temperature_c: F64, order: int, offset: bool, reference_c: float
 ) -> tuple[float, F64]:
-    """The temperature ΔT counts from, and the linear map (order + 1, G) from a constant's values
-    at *temperature_c* (G,) to its polynomial: P_ref + C, then A_1, A_2, …"""
+    """Return the temperature from which ΔT counts, and a linear map (order + 1, G).
+
+    The map leads from a constant's values at *temperature_c* (G,) to its polynomial: P_ref + C,
+    then A_1, A_2, …
+    """
     nearest = int(np.argmin(np.abs(temperature_c - reference_c)))
     powers = np.vander(temperature_c - temperature_c[nearest], order + 1, increasing=True)
     if offset:
@@ -50,22 +53,22 @@ def fit_regression(
     order: int,
     offset: bool,
 ) -> Identification:
-    """The calibration that regression gives.
+    """Return the calibration that the regression gives.
 
-    *identified*: changes of the constants of *around*, one solution per temperature (G,), which
-    is the mean over the sensors that *weights* names.
+    *identified*: changes of the constants of *around*, one solution per temperature (G,), which is
+    the mean over the sensors that *weights* names.
     """
     from_c, linear = make_regression(temperature_c, order, offset, around.reference_c)
     polynomial = linear @ np.array([solution.known_step for solution in identified])
     names = list(around.unknowns.constants)
-    # θ₁ and d₁ move every placement alike: no reading tells them.
+    # θ₁ and d₁ move every placement alike, so no reading determines their expansion.
     moving = [i for i, name in enumerate(names) if name not in ("theta_1", "d_1")]
     covariances = np.array([solution.compute_known_covariance() for solution in identified])
     covariance = np.einsum("rg,sg,gij->risj", linear, linear, covariances)
     places = [(m, i) for m in range(1, order + 1) for i in moving]
     chosen = [*range(len(names)), *(len(names) * m + i for m, i in places)]
     covariance = covariance.reshape(2 * [len(names) * (order + 1)])[np.ix_(chosen, chosen)]
-    # What no temperature knows stays as the fit of all together has it, and as uncertain.
+    # What no temperature determines keeps the value and the uncertainty of the common fit.
     unsure = around.covariance - around.solution.compute_known_covariance() * around.variance_factor
     covariance[: len(names), : len(names)] += unsure[: len(names), : len(names)]
     deviation = np.sqrt(np.diag(covariance))[len(names) :]
@@ -85,7 +88,7 @@ def fit_regression(
 
 
 def _refit_poses(around: Identification, constants: F64, terms: list[Term]) -> Identification:
-    """A fit whose constants (P,) and terms stand where they are; only poses are fitted."""
+    """Return a fit with given constants (P,) and terms, in which only poses are fitted."""
     observations, reference_c = around.observations, around.reference_c
     poses = evaluate_model(observations, constants, terms, reference_c).poses
     linearisation = linearise(observations, constants, terms, poses, reference_c)

@@ -1,4 +1,4 @@
-"""The temperatures measured at, and what is left out of them in turn to choose a thermal model."""
+"""Group readings by temperature, and hold them out in turn to choose a thermal model."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ from armd.compensation.estimate.observations import Observations
 
 #: Placements closer than this in temperature count as one temperature.
 SAME_TEMPERATURE_K = 0.75
-#: Of many placements each is close to the next, however far the last is from the first: what spans
-#: more than this is no one temperature (docs/decisions/0024).
+#: With many placements each may be close to the next while the first and last are far apart: a
+#: larger span is not one temperature (docs/decisions/0024).
 MOST_SPAN_K = 3.0
-#: So many sets the lowest and the highest temperature's placements are left out in: few, as each
-#: set costs a fit, and more than two, as what stays has to tell the temperature.
+#: The sets in which placements of the lowest and of the highest temperature are held out. Few,
+#: because each set costs a fit; more than two, because the readings that stay must represent the
+#: temperature.
 SETS_AT_AN_END = 3
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """One set of readings to leave out, all of one temperature."""
+    """One set of readings to hold out, all of one temperature."""
 
-    group: int  # of the temperatures, ascending
+    group: int  # number of the temperature, ascending
     rows: Mask  # (n,)
-    stays: Mask  # (n,) readings at the same temperature that stay
+    stays: Mask  # (n,) readings at the same temperature that are not held out
 
 
 def group_temperatures(observations: Observations) -> list[tuple[float, Mask]]:
-    """Temperatures measured at, ascending: mean in °C, and its readings (n,)."""
+    """Return the measured temperatures, ascending: mean in °C, and a mask of the readings (n,)."""
     used = observations.arm.used_sensors
     if not used:
         return []
@@ -53,9 +54,9 @@ def group_temperatures(observations: Observations) -> list[tuple[float, Mask]]:
 
 
 def _split_evenly(chain: I64, mean_c: F64) -> list[I64]:
-    """Placements, by ascending temperature, in as few equal spans as are short enough."""
+    """Split placements, by ascending temperature, in the fewest equal spans of allowed size."""
     rise_k = mean_c[chain] - mean_c[chain[0]]
-    if not rise_k[-1] > MOST_SPAN_K:  # nor where it is unknown
+    if not rise_k[-1] > MOST_SPAN_K:  # also true for NaN
         return [chain]
     spans = int(np.ceil(rise_k[-1] / MOST_SPAN_K))
     span = np.minimum((rise_k / rise_k[-1] * spans).astype(np.int64), spans - 1)
@@ -63,13 +64,15 @@ def _split_evenly(chain: I64, mean_c: F64) -> list[I64]:
 
 
 def are_far_apart(groups: list[tuple[float, Mask]]) -> bool:
-    """Whether temperatures are surely as far apart as telling expansion takes."""
+    """Return whether the temperatures are far enough apart to determine expansion."""
     return groups[-1][0] - groups[0][0] > MOST_SPAN_K
 
 
 def _split_in_halves(chain: I64, mean_c: F64) -> list[I64]:
-    """The only temperature as two, where it spans more than one may: there are no others that could
-    tell whether lengths grow with it."""
+    """Split the only temperature in two, if it spans more than `SAME_TEMPERATURE_K`.
+
+    There are no other temperatures that could show whether lengths expand.
+    """
     rise_k = mean_c[chain] - mean_c[chain[0]]
     if not rise_k[-1] > SAME_TEMPERATURE_K:
         return [chain]
@@ -80,12 +83,13 @@ def _split_in_halves(chain: I64, mean_c: F64) -> list[I64]:
 def validate_by_temperature(
     observations: Observations, groups: list[tuple[float, Mask]]
 ) -> list[LeftOut]:
-    """Every temperature between the lowest and the highest as a whole, these two in parts.
+    """Return the held-out sets: each inner temperature as a whole, the outer two in parts.
 
-    The daemon flags what lies beyond the temperatures measured at, so extrapolation is not what
-    to choose by: something of the lowest and of the highest always stays. They must have a voice
-    all the same. What expands evenly is as long at the mean temperature as a fit without any
-    thermal model says: an only temperature between the two hardly tells whether there is one.
+    The daemon flags temperatures outside the measured range, so a model is not chosen by its
+    extrapolation: part of the lowest and of the highest temperature always remains in the fit.
+    These two must be tested as well. At the mean temperature, a link that expands evenly has the
+    length that a fit without a thermal model gives. So a single temperature between the two hardly
+    shows whether there is expansion.
     """
     sets = [
         LeftOut(g, rows, np.zeros(observations.n, dtype=bool))

@@ -1,4 +1,4 @@
-"""Which terms a thermal model may have: of lengths, of angles, by zones, by components."""
+"""The terms that a thermal model may have: of lengths, of angles, by zones, by components."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from armd.compensation.model.terms import Term
 
 #: Principal components are added until they explain this share of the variance.
 EXPLAINED = 0.995
-#: The first link's growth may join a model where it is known so many times better than its size: a
-#: calibration's before its terms are chosen, an extended one's because the findings were fitted
-#: beside it. Readings held out may still speak against it.
+#: The first link's expansion may join a model if it exceeds its uncertainty this many times. A
+#: calibration tests this before its terms are chosen. An extended calibration tests it, too,
+#: because the findings were fitted together with it. Held-out readings may still reject it.
 GROWTH_KNOWN = 5.0
 
 
 def make_length_terms(arm: Arm, orders: Sequence[int]) -> list[Term]:
-    """Terms ΔT^m on every length that matters, by its joint's own temperature."""
+    """Return terms ΔT^m of every length that matters, by its joint's own temperature."""
     return [
         Term(parameter=name, basis=[Temperature(weights=weights, order=m)])
         for name, weights in _list_lengths(arm)
@@ -34,7 +34,7 @@ def make_length_terms(arm: Arm, orders: Sequence[int]) -> list[Term]:
 
 
 def make_angle_terms(arm: Arm, stem: str) -> list[Term]:
-    """Terms ΔT on θ ("theta") or α ("alpha") of every joint with a temperature."""
+    """Return terms ΔT of θ ("theta") or α ("alpha") of every joint with a temperature."""
     return [
         Term(parameter=f"{stem}_{k}", basis=[Temperature(weights=joint.weights)])
         for k, joint in enumerate(arm.joint, 1)
@@ -43,17 +43,17 @@ def make_angle_terms(arm: Arm, stem: str) -> list[Term]:
 
 
 def make_growth_terms(arm: Arm) -> list[Term]:
-    """The one term by which the first link, and what it stands on, grows; none without a sensor.
+    """Return the term by which the first link and its support expand; none without a sensor.
 
-    Between placements that is the placement's own. A ramp within one shows it, and what is not in
-    the model then is put down to the other lengths and angles.
+    Between placements the placements' poses absorb this expansion. A ramp within a placement shows
+    it; without the term it would be attributed to the other lengths and angles.
     """
     weights = arm.joint[0].weights
     return [Term(parameter="d_1", basis=[Temperature(weights=weights)])] if weights else []
 
 
 def make_zone_terms(arm: Arm, edges_c: Sequence[float]) -> list[Term]:
-    """The paper's temperature zones: a broken line, one slope per zone of *edges_c*."""
+    """Return the paper's temperature zones: a broken line, one slope per zone of *edges_c*."""
     return [
         Term(parameter=name, basis=[Temperature(weights=weights, zone_c=(low, high))])
         for name, weights in _list_lengths(arm)
@@ -62,10 +62,10 @@ def make_zone_terms(arm: Arm, edges_c: Sequence[float]) -> list[Term]:
 
 
 def make_component_terms(arm: Arm, observations: Observations) -> list[Term]:
-    """Principal components of the sensors in place of each joint's own temperature.
+    """Return terms of the sensors' principal components instead of each joint's temperature.
 
     The mean temperature is the first direction of sensors that move together; as many components
-    as explain 99.5 % of the variance.
+    are used as explain 99.5 % of the variance.
     """
     names = arm.used_sensors
     columns = [arm.sensors.index(name) for name in names]
@@ -84,7 +84,10 @@ def make_component_terms(arm: Arm, observations: Observations) -> list[Term]:
 
 
 def get_last_lever_mm(arm: Arm) -> F64:
-    """(3,) from the last joint to the tip in the last frame: link and stylus, which grow as one."""
+    """Return the lever (3,) from the last joint to the tip, in the last frame.
+
+    Link and stylus expand as one.
+    """
     last = arm.joint[-1]
     link = Rotation.from_euler("XY", [last.alpha_deg, last.beta_deg], degrees=True)
     lever: F64 = link.inv().apply([last.a_mm, 0.0, last.d_mm]) + arm.tip.offset_mm
@@ -92,10 +95,10 @@ def get_last_lever_mm(arm: Arm) -> F64:
 
 
 def _list_lengths(arm: Arm) -> list[tuple[str, dict[str, float]]]:
-    """Lengths that matter, with the weights of their temperature.
+    """List the lengths that matter, with the weights of their temperature.
 
-    Not d of joint 1, which moves every placement alike (`make_growth_terms`). What the last link
-    adds to the tip's offset grows with it, all by the last joint's temperature.
+    d of joint 1 is left out, because it moves every placement alike (`make_growth_terms`). The last
+    link's part of the tip's offset expands with it, all by the last joint's temperature.
     """
     lengths = [
         (f"{stem}_{k}", joint.weights, length)

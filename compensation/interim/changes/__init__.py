@@ -1,1 +1,1 @@
-"""Which change, and when: the likeliest, steps and growths, several one after another."""
+"""The likeliest changes of an arm and their dates: steps and growths, several one after another."""

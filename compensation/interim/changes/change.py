@@ -1,4 +1,4 @@
-"""A change as it is known: which cause, from which check on, sudden or growing."""
+"""A detected change: its cause, its first check, and whether it is sudden or gradual."""
 
 from __future__ import annotations
 
@@ -11,32 +11,35 @@ from armd.arrays import F64
 from armd.compensation.interim.evidence.looks import EpochLooks
 from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 
-#: A told change may be of any size, in typical ones.
+#: The prior standard deviation of a reported change's amplitudes, in typical sizes: wide, so that
+#: any size is possible.
 ANY_SIZE = 100.0
-#: A growth may go on faster or slower from a bend on, by this share of its rate (a long one: by its
-#: own `bending`).
+#: At each bend the rate of a growth may change by this share of itself (a long growth: by its own
+#: `bending`).
 BENDING = 0.7
-#: How far its first rate may be from the mean one, as a factor.
+#: The prior standard deviation of a growth's first rate, as a multiple of its mean rate.
 WIDE = 2.0
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change at its likeliest, and how sure that is; checks count through the whole stack."""
+    """A change at its likeliest, with its probability; checks are numbered through the
+    whole stack.
+    """
 
     cause: int | None  # index into the causes; None: nothing in the catalogue fits
     gradual: bool
     first: int  # the first check that has it
-    earliest: int  # the 95 % of onsets show first at one of these checks, from
+    earliest: int  # 95 % interval of the first check that has it: from
     latest: int  # … to
     origin_d: float  # of a growth: when it begins, days since the first check
     probability: float  # of the cause at its place
     _: KW_ONLY
     rivals: tuple[tuple[int, float], ...] = ()  # other causes, one for each place
     gradual_probability: float = 0.0
-    bends_d: tuple[float, ...] = ()  # of a growth: where it may go on faster or slower
+    bends_d: tuple[float, ...] = ()  # of a growth: where its rate may change, days
     rate_size: F64 | None = None  # (p,) of a growth: how large its rate is, in typical sizes
-    bending: float = BENDING  # of a growth: by what share of its rate it bends each time
+    bending: float = BENDING  # of a growth: change at each bend, as a share of its rate
     size: float = ANY_SIZE  # prior standard deviation of its amplitudes, in typical sizes
 
     @property
@@ -45,13 +48,13 @@ class Change:
 
     @property
     def coarser(self) -> Change:
-        """A growth of half as many bends, beforehand as likely to go here or there."""
+        """The growth with half as many bends, and the same prior spread of its course."""
         bends = self.bends_d[::-1][::2][::-1]
         return replace(self, bends_d=bends, bending=self.bending * float(np.sqrt(2.0)))
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """All that a stack which knows it depends on."""
+        """All numbers that a stack with this known change depends on."""
         rate = () if self.rate_size is None else tuple(self.rate_size.tolist())
         cause = -1 if self.cause is None else self.cause
         bends = (len(self.bends_d), *self.bends_d)
@@ -59,23 +62,25 @@ class Change:
         return (float(cause), float(self.gradual), float(self.first), self.size, *course)
 
 
-#: A share of the probability, and all changes as they may have been.
+#: A possible history of the arm: its share of the probability, and all its changes.
 ChangeScenario = tuple[float, tuple[Change, ...]]
 
 
 @dataclass(frozen=True)
 class ChangesFound:
-    """What became of an epoch's checks."""
+    """The result of the search for changes in one epoch's checks."""
 
     statistic: F64  # (n,) the alarm's statistic after each check
     alarm: int | None
     changes: tuple[Change, ...]  # in order of onset
     bad: tuple[int, ...]
-    looked: EpochLooks  # what the next check need not have watched again
+    looked: EpochLooks  # looks that need not be repeated when a check is added
 
 
 def compute_shapes(stack: Stack, change: Change) -> F64:
-    """(n, 1 + bends) how far a change is at each check, per amplitude of each of its columns."""
+    """Return the course of a change at each check (n, 1 + bends), per amplitude of each of its
+    columns.
+    """
     if not change.gradual:
         return (np.arange(stack.n) >= change.first).astype(float)[:, None]
     return np.stack(
@@ -84,13 +89,15 @@ def compute_shapes(stack: Stack, change: Change) -> F64:
 
 
 def compute_ramp(stack: Stack, origin_d: float) -> F64:
-    """(n,) 0 until *origin_d*, and 1 after 30 days more."""
+    """Return a ramp (n,): 0 until *origin_d*, and 1 thirty days later."""
     grown: F64 = np.maximum(stack.time_d - origin_d, 0.0) / RAMP_DAYS
     return grown
 
 
 def list_amplitude_sizes(change: Change, columns: int) -> F64:
-    """(1 + bends, p) prior standard deviations of a change's amplitudes, in typical sizes."""
+    """Return the prior standard deviations (1 + bends, p) of a change's amplitudes, in typical
+    sizes.
+    """
     if change.rate_size is None:
         return np.full((1, columns), change.size)
     sizes = np.tile(change.bending * change.rate_size, (1 + len(change.bends_d), 1))
@@ -99,7 +106,7 @@ def list_amplitude_sizes(change: Change, columns: int) -> F64:
 
 
 def count_amplitudes(stack: Stack, change: Change) -> int:
-    """How many amplitudes a change has; none of no cause."""
+    """Count the amplitudes of a change; a change without a cause has none."""
     if change.cause is None:
         return 0
     block = stack.blocks[change.cause]
@@ -107,14 +114,16 @@ def count_amplitudes(stack: Stack, change: Change) -> int:
 
 
 def add_known_changes(stack: Stack, changes: Sequence[Change]) -> Stack:
-    """The stack where these changes, of whatever size, are among what is known."""
+    """Return the stack with these changes among its known errors, their amplitudes unknown."""
     if all(change.cause is None for change in changes):
         return stack
     return stack.add_known_errors(list_change_columns(stack, changes))
 
 
 def list_change_columns(stack: Stack, changes: Sequence[Change]) -> list[F64]:
-    """(r, amplitudes of all named changes) of each check, per standard deviation of each."""
+    """Return the columns (r, amplitudes of all named changes) of each check, per prior standard
+    deviation.
+    """
     columns: list[list[F64]] = [[np.zeros((len(residual), 0))] for residual in stack.residual]
     for change in changes:
         if change.cause is None:

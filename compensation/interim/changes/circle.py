@@ -1,5 +1,6 @@
-"""A search for changes that comes back to where it was: which of its readings of the checks it ends
-with."""
+"""The choice of a result when the search for changes returns to a state that it has already
+visited.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +15,13 @@ from armd.compensation.interim.evidence.stack import Stack
 
 @dataclass(frozen=True)
 class SearchState:
-    """Where a search stood after a look at the checks; where it went on to depends on nothing
-    else."""
+    """The state of the search after one look at the checks; its next step depends on
+    nothing else.
+    """
 
     look: EpochLook
     changes: tuple[Change, ...]
-    alarms: tuple[int, ...]  # each change's
+    alarms: tuple[int, ...]  # of each change, the check that raised the alarm
     bad: tuple[int, ...]
 
 
@@ -30,7 +32,7 @@ def find_circle(
     known_numbers: Sequence[float],
     alarms: Sequence[int],
 ) -> Sequence[SearchState]:
-    """The stands since the search was last about to look so; none if it never was."""
+    """Return the states since the search last was in the same situation; none if it never was."""
     for number, stand in enumerate(stands):
         if stand.alarms == tuple(alarms) and stand.look.is_at(since, left_out, known_numbers):
             return stands[number:]
@@ -38,11 +40,14 @@ def find_circle(
 
 
 def choose_best_stand(stack: Stack, stands: Sequence[SearchState]) -> SearchState:
-    """The stand whose changes make all readings likeliest, each change more at the price of an
-    alarm; of the checks that no stand takes for bad.
+    """Return the state of a cycle whose changes make all readings likeliest.
 
-    A search goes round because each change was named by the readings until some alarm, one of them
-    by fewer than the other. All readings decide, wherever the circle was entered.
+    Each further change costs the limit of an alarm. Checks that any of the states takes for bad are
+    not counted.
+
+    A search runs in a cycle because each change was named from the readings until some alarm, and
+    one alarm has fewer readings than another. All readings decide here, so the result does not
+    depend on where the search entered the cycle.
     """
     bad = {i for stand in stands for i in stand.bad}
     good = [i for i in range(stack.n) if i not in bad]

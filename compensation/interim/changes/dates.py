@@ -1,4 +1,4 @@
-"""When a change was, in seconds of Unix time; a bad check cannot say whether it had the change."""
+"""Dates of changes, in seconds of Unix time; bad checks do not date a change."""
 
 from __future__ import annotations
 
@@ -13,13 +13,16 @@ from armd.compensation.model.slow_factors import DAY_S
 def find_interval(
     checks: Sequence[Reduced], stack: Stack, change: Change, bad: Collection[int]
 ) -> tuple[float, float]:
-    """What holds the change's instant: from the last good check without it to the first with it."""
+    """Return the interval of the change: from the last good check without it to the first with it.
+
+    Both are in seconds of Unix time.
+    """
     until = checks[change.latest].first_unix_s
     good = _list_good_before(change.earliest, bad)
     beyond = stack.gap_d * DAY_S
     if not change.gradual:
         return (checks[good[-1]].last_unix_s if good else until - beyond), until
-    # A growth is dated to a check; it may as well have begun between that and its neighbours.
+    # A growth is dated to a check, but it may have begun anywhere between that check's neighbours.
     if len(good) > 1:
         return (checks[good[-2]].mean_unix_s + checks[good[-1]].mean_unix_s) / 2, until
     return checks[0].first_unix_s - beyond, until
@@ -28,8 +31,11 @@ def find_interval(
 def find_instant(
     checks: Sequence[Reduced], stack: Stack, change: Change, bad: Collection[int]
 ) -> float:
-    """From when on the calibration has a change: halfway between two good checks, or where it
-    began."""
+    """Return the instant from which the calibration contains a change, in seconds of Unix time.
+
+    A step lies halfway between the last good check without it and the first check with it. A growth
+    begins at its origin.
+    """
     if change.gradual:
         return checks[0].mean_unix_s + change.origin_d * DAY_S
     first = checks[change.first].first_unix_s

@@ -1,10 +1,10 @@
-"""From an alarm to changes: when, whether at once or growing, and which cause of the catalogue.
+"""The search for changes after an alarm: when, sudden or gradual, and which cause of the catalogue.
 
-A change that is told joins what is known of all later checks, and the watch goes on after it. At
-every further alarm the last change is looked at anew with all readings since: more readings may
-name it otherwise, and only what it cannot be is another change. Where that leads back to what was
-looked at before, the search ends with the best of what it goes round between (decision 30): there
-are finitely many, so it always ends.
+A reported change is a known error of all later checks, and the watch continues after it. At every
+further alarm the last change is estimated again with all readings since: they may give it another
+cause. Only what the last change cannot explain becomes another change. If the search returns to a
+state that it has visited, it ends with the best state of the cycle (decision 30). The number of
+states is finite, so the search always ends.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from armd.compensation.interim.evidence.looks import NEVER_YET, EpochLook, Epoch
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import Watched, detect_changes
 
-#: An alarm is withdrawn when the statistic, over all readings since, has fallen so low (natural
-#: logarithm); while nothing changes it stands at about 2.5, and a change that is there only adds.
+#: An alarm is withdrawn when the statistic over all later readings falls to this (natural
+#: logarithm). Without a change the statistic stays at about 2.5; a real change only increases it.
 REFUTED = 0.6 * LIMIT
-#: A growth that was told as a step first began at most so many checks from there.
+#: A growth that was reported as a step first began at most this many checks from there.
 NEAR = 6
-#: More changes than this within one epoch are a worn-out arm, not a list.
+#: The most changes that are listed within one epoch; an arm with more of them is worn out.
 MOST_CHANGES = 5
-#: The statistic after the alarm is of changes that began so many checks before it at most.
+#: After the alarm the statistic covers changes that began at most this many checks before it.
 BEFORE_ALARM = 10
 
 
 def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) -> ChangesFound:
-    """All changes of a stack of checks, some of which may have been watched *before*."""
+    """Find all changes in a stack of checks, some of which may have been watched *before*."""
     changes: list[Change] = []
     alarms: list[int] = []
     bad: tuple[int, ...] = ()
@@ -62,7 +62,7 @@ def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) 
         stands.append(SearchState(look, tuple(changes), tuple(alarms), bad))
         if looked.alarm is None:
             if changes and _weigh_last_change(stack, causes, changes, stack.n, bad) < REFUTED:
-                # Later checks speak against the last alarm: it was a false one.
+                # Later checks contradict the last alarm: it was a false one.
                 changes.pop()
                 since = alarms.pop() + 1
                 if since < stack.n:
@@ -87,13 +87,15 @@ def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) 
                 _weigh_last_change(stack, causes, changes, until, bad) + weighed.log_alarm
                 < 2 * LIMIT
             ):
-                # There and back is less likely than a false alarm, and what ended it another.
+                # A change and its reversal are less likely than a false alarm followed by another
+                # change.
                 changes.pop()
                 since = alarms.pop() + 1
                 continue
         new = find_likeliest(null, causes, weighed, good)
         if (same := _find_same_growth(changes, causes, new)) is not None:
-            # What moves on at one place is one growth, no staircase; it is known up to here.
+            # Repeated changes at one place are one growth, not several steps; it is known up to
+            # here.
             begun = replace(
                 changes[same],
                 gradual=True,
@@ -122,8 +124,9 @@ def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) 
 def _refine(
     stack: Stack, causes: Sequence[Cause], changes: list[Change], bad: tuple[int, ...]
 ) -> list[Change]:
-    """Every change looked at once more with all readings, the others known; what they leave too
-    little of is dropped."""
+    """Estimate every change again with all readings, given the others; drop those
+    without evidence.
+    """
     named = [change for change in changes if change.cause is not None]
     strange = [change for change in changes if change.cause is None]
     for _ in range(2):
@@ -135,7 +138,7 @@ def _refine(
                 continue
             named[i] = find_likeliest(without_it, causes, weighed, good)
             if _find_same_growth(named[:i], causes, named[i]) is not None:
-                del named[i]  # under this name it is the growth that is there already
+                del named[i]  # with this cause it is a growth that is listed already
                 continue
             i += 1
     return [*named, *strange]
@@ -148,7 +151,7 @@ def _fill(
     bad: Sequence[int],
     before: EpochLooks,
 ) -> F64:
-    """The statistic of checks after the alarm: still that of what was known before it."""
+    """Fill in the statistic of checks after the alarm, under what was known before the alarm."""
     statistic = first_look.statistic.copy()
     if first_look.alarm is None:
         return statistic
@@ -167,8 +170,11 @@ def _fill(
 def _find_same_growth(
     changes: Sequence[Change], causes: Sequence[Cause], new: Change
 ) -> int | None:
-    """Which change found *new* only goes on with: one of its cause at its place, if either of them
-    grows or it would be the third."""
+    """Return the index of the change that *new* continues, or None.
+
+    That is the first change of the same cause at the same place, if either of them grows or *new*
+    would be the third.
+    """
 
     def place(change: Change) -> tuple[str, str] | None:
         return None if change.cause is None else causes[change.cause].place
@@ -183,8 +189,10 @@ def _find_same_growth(
 def _weigh_last_change(
     stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], until: int, bad: Sequence[int]
 ) -> float:
-    """Log ratio of all readings *until* a check with some change where the last one found may be,
-    to that without it."""
+    """Return the log likelihood ratio of a change in place of the last one to none.
+
+    All readings *until* a check count; the earlier changes are known.
+    """
     start = changes[-2].first + 1 if len(changes) > 1 else 0
     before = add_known_changes(stack, changes[:-1])
     return weigh_since(before, causes, start, until, until, bad)[0].log_alarm
@@ -199,8 +207,12 @@ def _rename_change(
     bad: Sequence[int],
     log_another: float,
 ) -> Change | None:
-    """The last change found under another name, if all readings until now want that rather than
-    *another* change beside it; it began by the check that told it, *alarm*."""
+    """Return the last change with another cause, date or shape, if the readings prefer that; else
+    None.
+
+    The alternative is a second change beside the last one, of log ratio *log_another*. The last
+    change began by check *alarm*, which reported it; all readings *until* now count.
+    """
     before = add_known_changes(stack, changes[:-1])
     start = changes[-2].first + 1 if len(changes) > 1 else 0
     weighed, good = weigh_since(before, causes, start, alarm + 1, until, bad)

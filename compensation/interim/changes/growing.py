@@ -1,13 +1,14 @@
-"""How likely all readings are with growths from many onsets on, by sums that run backwards.
+"""The likelihood of all readings with growths from many onsets, from sums that run backwards in
+time.
 
-A growth from o on is a ramp r(o): 0 until then, t − o at a check at t after it. With the sums over
-all checks from one on, of what two checks make together, times the 0th, 1st and 2nd power of the
-time since that check, any two ramps' product is
+A growth from o is a ramp r(o): 0 until o, and t − o at a later check at time t. For each check,
+products of two quantities are summed over this and all later checks, times the 0th, 1st and 2nd
+power of the time since that check. The product of any two ramps follows from these sums:
 
     Σ r(a)·r(b)·P = Σ r(b)²·P + (b − a)·Σ r(b)·P,   a ≤ b
 
-so one pass over the checks serves all onsets and bends; nothing but what is positive is added up in
-time, so nothing cancels.
+So one pass over the checks serves all onsets and bends. The time factors are all positive, so no
+digits cancel.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 
 
 class Growing:
-    """A stack with everything known eliminated, for growths of one cause after another."""
+    """A stack with all known errors eliminated, to evaluate growths of one cause after another."""
 
     def __init__(self, stack: Stack) -> None:
         sums = stack.sum_checks(range(stack.n))
-        # Of the size that the stack takes them for.
+        # The standing errors have the size that the stack assumes.
         eliminated = eliminate_standing(sums.curvature, sums.side, sums.square, slice(0), (1.0,))
         self._stack = stack
         self._rotated = [
@@ -42,7 +43,7 @@ class Growing:
         self._numbers = float(sums.numbers)
 
     def rate(self, change: Change) -> F64:
-        """(p,) of a growth at one rate throughout, in typical sizes."""
+        """Estimate the rate (p,) of a growth that has one rate throughout, in typical sizes."""
         assert change.cause is not None
         ramps = _Ramps(self._stack, change.cause, self._rotated, self._side)
         gram, side = ramps.products(np.array([change.origin_d]))
@@ -51,12 +52,13 @@ class Growing:
         return rate
 
     def log_marginals(self, cause: int, courses: Sequence[Change]) -> F64:
-        """(courses,) log of how likely all readings are with each of *courses* of a *cause*, with
-        everything known and the course's amplitudes integrated out.
+        """Return the log marginal likelihood (courses,) of all readings with each of *courses* of a
+        *cause*.
 
-        The same as of a stack that knows the course (`add_known_changes`). Courses that bend at the
-        same instants, all after their origins, share their `rate_size`, and bend by the same share
-        of it or by another.
+        The known errors and the course's amplitudes are integrated out. The result equals that of a
+        stack that contains the course as a known change (`add_known_changes`). Courses that bend at
+        the same instants, all after their origins, share their `rate_size`; their `bending` may
+        differ.
         """
         ramps = _Ramps(self._stack, cause, self._rotated, self._side)
         logs: list[float] = []
@@ -74,7 +76,7 @@ class Growing:
 
 
 class _Ramps:
-    """Products of ramps of one cause's p columns, what is known eliminated; per 30 days."""
+    """Products of ramps of one cause's p columns, with the known errors eliminated; per 30 days."""
 
     def __init__(self, stack: Stack, cause: int, rotated: Sequence[F64], side: F64) -> None:
         columns_of_cause = [columns[:, stack.blocks[cause]] for columns in stack.columns]
@@ -89,13 +91,13 @@ class _Ramps:
         )
 
     def products(self, origins: F64) -> tuple[F64, F64]:
-        """Each ramp with itself (m, p, p), and with the readings (m, p)."""
+        """Return the product of each ramp with itself (m, p, p) and with the readings (m, p)."""
         along = self._along.once(origins)
         gram = self._gram.twice(origins) - along.swapaxes(1, 2) @ along
         return gram, self._towards.once(origins) - self._side @ along
 
     def pairs(self, a: F64, b: F64) -> F64:
-        """Ramps from *a* (m,) with those from *b* (k,), (m p, k p)."""
+        """Return the products (m p, k p) of ramps from *a* (m,) with ramps from *b* (k,)."""
         later, distance = np.maximum.outer(a, b), np.abs(np.subtract.outer(a, b)) / RAMP_DAYS
         product = self._gram.twice(later) + distance[..., None, None] * self._gram.once(later)
         m, k, p, _ = product.shape
@@ -107,8 +109,12 @@ class _Ramps:
         return cleared
 
     def integrated(self, origins: F64, bends: F64, like: Change) -> tuple[F64, F64]:
-        """Amplitudes of the ramps from *bends* on and of each from *origins* (T,) on integrated
-        out: log of the determinant's root (T,), and what they explain of the readings' square."""
+        """Integrate out the amplitudes of the ramps from *bends* and of the ramp from each of
+        *origins* (T,).
+
+        Returns the log of the root of the determinant (T,), and how much of the readings' squared
+        norm the ramps explain (T,).
+        """
         gram, side = self.products(origins)
         (first, *bend_sizes) = list_amplitude_sizes(like, side.shape[1])
         sizes = np.ravel(bend_sizes)
@@ -132,7 +138,9 @@ class _Ramps:
 
 
 class _Since:
-    """Sums of *values* (n, …) over all checks from each on, times powers of the time since."""
+    """Sums of *values* (n, …) over each check and all later ones, times powers of the
+    time since.
+    """
 
     def __init__(self, time_d: F64, values: F64) -> None:
         self._time = time_d
@@ -144,18 +152,20 @@ class _Since:
         self._twice = _sum_backwards(2 * step * self._once[1:] + step**2 * self._sums[1:])
 
     def once(self, origins: F64) -> F64:
-        """(*origins, …) the ramp from each origin on, times *values*."""
+        """Return the sums (*origins, …) of *values* times the ramp from each origin."""
         places, lead = self._find_places(origins)
         return self._shaped(origins, self._once[places] + lead * self._sums[places])
 
     def twice(self, origins: F64) -> F64:
-        """The same of the ramp's square."""
+        """Return the sums (*origins, …) of *values* times the square of the ramp from
+        each origin.
+        """
         places, lead = self._find_places(origins)
         sums = self._twice[places] + 2 * lead * self._once[places] + lead**2 * self._sums[places]
         return self._shaped(origins, sums)
 
     def _find_places(self, origins: F64) -> tuple[I64, F64]:
-        """The first check after each origin, and how long after."""
+        """Return the first check after each origin, and how long after, in units of `RAMP_DAYS`."""
         places = np.searchsorted(self._time, origins.ravel(), side="right")
         first = self._time[np.minimum(places, len(self._time) - 1)]
         return places, (first - origins.ravel())[:, None] / RAMP_DAYS
@@ -165,7 +175,7 @@ class _Since:
 
 
 def _sum_backwards(values: F64) -> F64:
-    """(n + 1, …) sums of *values* (n, …) from each on."""
+    """Return the sums (n + 1, …) of *values* (n, …) from each index to the last."""
     sums = np.zeros((len(values) + 1, *values.shape[1:]))
     np.cumsum(values[::-1], axis=0, out=sums[-2::-1])
     return sums

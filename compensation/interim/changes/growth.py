@@ -1,9 +1,9 @@
-"""A growth dated by a course that may bend: wear goes with use, and use is no straight line.
+"""The date of a growth whose rate may vary: wear follows use, and use is not constant.
 
-Beforehand the rate goes at random, as far in two days as in these days one after the other: the
-farther bends lie apart, the more a course bends at each, and how many there are changes nothing of
-what courses are likely. A long growth has as few as draw it as well as more would, and how much it
-bends its checks say (decision 30).
+The prior of the rate is a random walk: its change over two days has the variance of two single
+days. So the farther apart the bends are, the more the course may change at each; the number of
+bends does not change the prior of the course. A long growth has the fewest bends that describe it
+as well as more would. How much it bends is chosen from its checks (decision 30).
 """
 
 from __future__ import annotations
@@ -19,18 +19,21 @@ from armd.compensation.interim.changes.onset_interval import find_onset_interval
 from armd.compensation.interim.evidence.likelihood import LIMIT
 from armd.compensation.interim.evidence.stack import Stack
 
-#: Bends lie so many checks apart; in a growth of more than 14 times as many, or 2, 4, … times that.
+#: Bends are this many checks apart; in a growth of more than 14 times as many checks they are that
+#: distance, or 2, 4, … times it, apart.
 CHECKS_APART, FEW_BENDS = 3, 14
-#: A long growth bends every third check by one of these shares of its rate. With 0.1 the use of a
-#: week is taken for another change.
+#: A long growth changes its rate by one of these shares every third check. With 0.1 the use of one
+#: week would be taken for another change.
 LONG_BENDINGS = (BENDING, 0.4, 0.2)
-#: Bends are farther apart where that makes all readings less likely by no more than this (natural
-#: logarithm): by less than what a change has to gain to be told.
+#: Bends are set farther apart where this lowers the log likelihood of all readings by no more than
+#: this: less than a change must gain to be reported.
 AS_WELL = 0.6 * LIMIT
 
 
 def fit_growth(stack: Stack, change: Change, good: Sequence[int], firsts: Sequence[int]) -> Change:
-    """A growth at its likeliest onset, one of the checks *firsts*, and the interval of onsets."""
+    """Fit a growth at its likeliest onset, one of the checks *firsts*, with the interval
+    of onsets.
+    """
     courses = Growths(stack, good).weigh_onsets(change, firsts)
     low, high = find_onset_interval(np.array([share for share, _ in courses]))
     _, best = max(courses, key=lambda pair: pair[0])
@@ -38,7 +41,7 @@ def fit_growth(stack: Stack, change: Change, good: Sequence[int], firsts: Sequen
 
 
 class Growths:
-    """Growths of any cause by courses that may bend, weighed by the checks *good* of a stack."""
+    """Growths of any cause with courses that may bend, weighed by the checks *good* of a stack."""
 
     def __init__(self, stack: Stack, good: Sequence[int]) -> None:
         self._stack, self._good = stack, good
@@ -46,11 +49,13 @@ class Growths:
         self._growing = Growing(stack.select_checks(good))
 
     def weigh_onsets(self, change: Change, firsts: Sequence[int]) -> list[tuple[float, Change]]:
-        """A growth from each of the checks *firsts* on, with its share; all onsets are as likely
-        beforehand."""
+        """Return a growth from each of the checks *firsts*, with its share of the probability.
+
+        All onsets have the same prior probability.
+        """
         assert change.cause is not None
         rate = np.abs(self._growing.rate(change))
-        # A rate that differs from column to column bends in its own proportion.
+        # Each column's rate bends in proportion to itself.
         like = replace(change, rate_size=np.maximum(rate, 0.1 * rate.max()))
         spacing, bending = self._bends(like)
         courses = [self._course(like, first, spacing, bending) for first in firsts]
@@ -59,8 +64,10 @@ class Growths:
         return list(zip((share / share.sum()).tolist(), courses, strict=True))
 
     def _bends(self, like: Change) -> tuple[int, float]:
-        """How many checks apart a growth's bends have to be, and by what share of its rate it
-        bends every third check."""
+        """Choose the distance of a growth's bends in checks, and their share of the rate.
+
+        The share is that by which the rate changes every third check.
+        """
         assert like.cause is not None
         checks = len(self._good) - self._good.index(like.first)
         aparts = [CHECKS_APART]
@@ -88,7 +95,11 @@ class Growths:
 
 
 def find_origin_d(stack: Stack, good: Sequence[int], first: int) -> float:
-    """When a growth that first shows at the kept check *first* begins: at the check before."""
+    """Return when a growth that first shows at the good check number *first* begins: at the check
+    before.
+
+    The unit is days since the first check of the stack.
+    """
     if first:
         return float(stack.time_d[good[first - 1]])
     return float(stack.time_d[good[0]]) - stack.gap_d

@@ -1,4 +1,4 @@
-"""The likeliest change of all that were weighed: cause, place, shape, and when it began."""
+"""The likeliest of all weighed changes: its cause, place, shape and onset."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import Weighed, weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 
-#: Rivals less likely than this are not worth a line.
+#: Rivals less likely than this are not listed.
 LEAST_SHARE = 0.01
 
 
@@ -32,8 +32,10 @@ def weigh_since(
 def weigh_again(
     stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], index: int, bad: Sequence[int]
 ) -> tuple[Stack, Weighed, list[int]]:
-    """What one of the named *changes* may be, between its neighbours, by all readings: the stack
-    that knows the others, and as `weigh_since` has it."""
+    """Weigh again one of the named *changes*, between its neighbours, by all readings.
+
+    Returns the stack in which the other changes are known, and the two results of `weigh_since`.
+    """
     named = [change for change in changes if change.cause is not None]
     until = next((change.first for change in changes if change.cause is None), stack.n)
     without_it = add_known_changes(stack, named[:index] + named[index + 1 :])

@@ -1,4 +1,4 @@
-"""The interval of onsets that is told."""
+"""The interval of onsets that is reported with a change."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import numpy as np
 
 from armd.arrays import F64
 
-#: Share of the onsets' weight that the interval holds.
+#: The share of the onsets' probability that the interval contains.
 HELD = 0.95
 
 
 def find_onset_interval(share: F64) -> tuple[int, int]:
-    """The shortest run of onsets that holds `HELD` of the weight."""
+    """Return the first and last onset of the shortest run that contains `HELD` of
+    the probability.
+    """
     total = np.concatenate([[0.0], np.cumsum(share)])
     runs = [
         (b - a, -(total[b + 1] - total[a]), a, b)

@@ -1,4 +1,4 @@
-"""How an arm may have changed: scenarios that the checks cannot tell apart, and their shares."""
+"""Scenarios of how an arm may have changed that the checks cannot separate, with their shares."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import SIZES
 from armd.compensation.interim.evidence.stack import Stack
 
-#: The likeliest scenarios that together have so much of the probability, and no more than so many.
+#: The likeliest scenarios are kept until they have this share of the probability together, and at
+#: most this many.
 KEPT_SHARE, MOST_SCENARIOS = 0.99, 60
 
 
 def list_scenarios(
     stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], bad: Sequence[int]
 ) -> list[ChangeScenario]:
-    """The likeliest scenarios in which all *changes* may have been; their shares add up to 1.
+    """Return the likeliest scenarios of all *changes*; their shares add up to 1.
 
-    Each change may be of any cause, place, onset, shape and size that its weight in the readings
-    gives it, the others being what they are told to be.
+    Each change may be of any cause, place, onset, shape and size, with its weight in the readings,
+    while the other changes are as reported.
     """
     named = [change for change in changes if change.cause is not None]
     scenarios_so_far: list[ChangeScenario] = [(1.0, ())]
@@ -53,8 +54,9 @@ def _keep_likeliest(scenarios: Iterator[ChangeScenario]) -> list[ChangeScenario]
 def _list_alternatives(
     stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], index: int, bad: Sequence[int]
 ) -> Iterator[ChangeScenario]:
-    """Everything that one change may be: a step by cause, onset and size, or a growth by cause and
-    onset."""
+    """Yield all alternatives of one change: steps by cause, onset and size, growths by cause and
+    onset.
+    """
     without_it, weighed, good = weigh_again(stack, causes, changes, index, bad)
     share = np.exp(weighed.log_by_size - weighed.log_sum)  # (T, K, 2, S)
     firsts = [good[int(first)] for first in weighed.first]
@@ -76,6 +78,6 @@ def _list_alternatives(
 
 
 def _iterate_largest(share: F64) -> Iterator[tuple[int, ...]]:
-    """Indices of all that may be among those kept."""
+    """Yield the indices of all shares that are large enough to be kept."""
     smallest = (1 - KEPT_SHARE) / MOST_SCENARIOS
     yield from (tuple(int(i) for i in indices) for indices in np.argwhere(share > smallest))

@@ -1,1 +1,1 @@
-"""One check: what it says of the arm, and how it is kept."""
+"""One interim check: its reduction to statistics, and how it is kept in a history."""

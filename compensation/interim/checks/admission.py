@@ -1,7 +1,7 @@
-"""What no check can mean: refused before it is kept, because a history gives nothing back.
+"""The admission of checks: an impossible check is refused, because a history removes nothing.
 
-A check that is bad in some other way is kept and judged: whether the arm changed or the check is
-spoilt, the checks around it say.
+A check that is bad in some other way is kept and judged: the neighbouring checks show whether the
+arm changed or the check is bad.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from armd.errors import BadInput
 
 
 def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration) -> list[str]:
-    """Raise `BadInput` for the first of *sessions* that is no check of this calibrated arm: wrong
-    units, columns or names, temperatures that nothing had, readings of another arm or artefact.
+    """Raise `BadInput` for the first of *sessions* that is no check of this calibrated arm.
 
-    Returns what a person should know of those that are.
+    Reasons are wrong units, columns or names, impossible temperatures, and readings of another arm
+    or artefact. Returns remarks on the sessions that are admitted.
     """
     require_points(sessions, "`armd interim`")
     model = AssumedModel.from_calibration(arm, calibration)
@@ -55,7 +55,7 @@ def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration
 def _refuse_temperatures(session: Session, observations: Observations, model: AssumedModel) -> None:
     celsius = observations.states.temperature_c
     if np.nanmin(celsius, initial=np.inf) > LEAST_FAHRENHEIT:
-        # Hot servos are: only where °F explain what the readings miss by.
+        # Hot servos exceed this limit, too: refuse only if °F explain the residuals.
         fault = find_mistake(session, observations, model, "under the calibration given")
         if fault is not None:
             raise fault
@@ -66,8 +66,10 @@ def _refuse_temperatures(session: Session, observations: Observations, model: As
 
 
 def _refuse_absurd(session: Session, off_mm: F64) -> None:
-    """A calibrated arm errs by micrometres: where half of the readings are centimetres off, it is
-    not this arm, or not this artefact."""
+    """Raise `BadInput` if half of the readings are centimetres off.
+
+    A calibrated arm errs by micrometres, so this is another arm or another artefact.
+    """
     finite_mm = off_mm[np.isfinite(off_mm)]
     if len(finite_mm) and np.median(finite_mm) > ABSURD_MM:
         raise BadInput(

@@ -1,4 +1,6 @@
-"""Lines put to a history: their checks' folders whole first, then the lines, then the head."""
+"""Appends lines to a history: first the whole folders of the checks, then the lines, then
+the head.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +23,9 @@ CHECKS = "checks"
 
 @dataclass(frozen=True)
 class NewLine:
-    """A check to be kept."""
+    """A check that is to be kept."""
 
-    facts: Mapping[str, Any]  # what its line says of it
+    facts: Mapping[str, Any]  # the fields of its line
     folder: str  # within CHECKS
     contents: Mapping[str, bytes]  # of the folder, by file name
 
@@ -31,9 +33,9 @@ class NewLine:
 def add_checks(
     folder: Path, count: int, new: Sequence[NewLine], common: Mapping[Path, bytes]
 ) -> None:
-    """Keep checks behind the *count* that *folder* has; *common* are further files in it.
+    """Append checks to the *count* checks in *folder*; *common* are further files in it.
 
-    The history is locked.
+    The caller has locked the history.
     """
     path = folder / HISTORY
     places = [folder / CHECKS / new_line.folder for new_line in new]
@@ -57,7 +59,7 @@ def add_checks(
             data = json.dumps(line, ensure_ascii=False).encode()
             previous = hashlib.sha256(data).hexdigest()
             text += data + b"\n"
-        # A head of nothing before the first line, so that a history never stands without one.
+        # Write a head of zero checks before the first line, so that a history always has a head.
         if not (folder / HEAD).exists():
             _write_head(folder, 0, BEGINNING)
         write_whole(path, text)
@@ -65,15 +67,19 @@ def add_checks(
 
 
 def make_folder_name(started: str, name: str) -> str:
-    """The folder of a check: its instant, and its name as a part of a folder's."""
+    """Make the name of a check's folder from its start and its name."""
     safe_name = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
     return f"{started.replace(':', '').replace('-', '')}-{safe_name[:80]}"
 
 
 @contextmanager
 def _undo_unless_reported(places: Sequence[Path], history: Path) -> Iterator[None]:
-    """What fails within this `with` (a full disk) leaves no check's folder, whole or in part, that
-    no new line of *history* tells of: there it would keep the disk full."""
+    """Remove the folders of new checks if the block fails (a full disk) before their lines are
+    written.
+
+    Whole and partial folders would otherwise fill the disk. If *history* has changed, nothing is
+    removed.
+    """
     before = history.read_bytes() if history.is_file() else b""
     try:
         yield
@@ -97,8 +103,8 @@ def _hash_last(text: bytes) -> str:
 
 
 def _keep_check(place: Path, contents: Mapping[str, bytes]) -> dict[str, str]:
-    """A check's files in *place*; their hashes."""
-    if place.exists():  # begun and not finished: no line tells of it
+    """Write a check's files to *place* and return their hashes."""
+    if place.exists():  # begun and not finished: no line refers to it
         shutil.rmtree(place)
     part = _name_part(place)
     shutil.rmtree(part, ignore_errors=True)
@@ -111,5 +117,5 @@ def _keep_check(place: Path, contents: Mapping[str, bytes]) -> dict[str, str]:
 
 
 def _name_part(place: Path) -> Path:
-    """Where a check's folder is made before it stands in its *place*."""
+    """Return the temporary path of a check's folder, from which it is renamed to *place*."""
     return place.with_name(f".{place.name}.part")

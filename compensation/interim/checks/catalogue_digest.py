@@ -1,4 +1,4 @@
-"""A digest of what the columns of a reduced check stand for."""
+"""A digest of the causes and growths that the columns of a reduced check belong to."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from armd.compensation.interim.checks.open_growth import OpenGrowth
 
 
 def hash_catalogue(causes: Sequence[Cause], growth: Sequence[OpenGrowth] = ()) -> str:
-    """SHA-256 of all causes' columns and of the *growth* that is open: the same of the same
-    catalogue only."""
+    """Compute the SHA-256 of all causes' columns and of the unknown *growth*.
+
+    Only an identical catalogue has the same digest.
+    """
     columns = [(c.place, column) for c in (cause.candidate for cause in causes)
                for column in c.columns]  # fmt: skip
     text = "\n".join(

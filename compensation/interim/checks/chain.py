@@ -1,4 +1,4 @@
-"""The chain of a history's lines, each with the hash of the one before; and its head."""
+"""The chain of a history's lines, each with the hash of the one before; and the history's head."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BEGINNING = "0" * 64
 
 
 class AnyLine(Strict):
-    """One check, as every kind of history has it."""
+    """One check, with the fields that every kind of history has."""
 
     check: int
     name: str
@@ -53,13 +53,13 @@ class PointsLine(AnyLine):
     tip_radius_mm: float = Field(ge=0)
 
 
-#: What the checks of a history are, by the schema of its lines.
+#: The kind of checks in a history, by the schema of its lines.
 KINDS = {"armd.interim.check/1": "sessions", "armd.interim.points/1": "tables of points"}
 Line = TypeVar("Line", bound=AnyLine)
 
 
 class Head(Strict):
-    """How long the history is."""
+    """The length of the history and the hash of its last line."""
 
     schema_: str = Field(alias="schema", pattern="^armd.interim.head/1$")
     checks: int = Field(ge=0)
@@ -68,7 +68,7 @@ class Head(Strict):
 
 @dataclass(frozen=True)
 class HistoryChain(Generic[Line]):
-    """The lines in the order of adding."""
+    """The lines of a history in the order of adding."""
 
     lines: tuple[Line, ...] = ()
     hashes: tuple[str, ...] = ()  # each line's SHA-256
@@ -87,23 +87,26 @@ def is_of_points(folder: Path) -> bool:
 
 
 def read_chain(folder: Path) -> HistoryChain[HistoryLine]:
-    """The lines of a history of sessions: see `read_lines`."""
+    """Read the lines of a history of sessions; see `read_lines`."""
     return read_lines(folder, HistoryLine)
 
 
 def read_lines(folder: Path, kind: type[Line]) -> HistoryChain[Line]:
-    """The history's lines in the order of adding, none without a history; raises `BadInput` where
-    the chain is broken or cut short."""
+    """Read the history's lines in the order of adding; there are none without a history.
+
+    Raises `BadInput` where the chain is broken or cut short.
+    """
     path = folder / HISTORY
     with explain_os_errors(folder):
         if folder.exists() and not folder.is_dir():
             raise BadInput(folder, "the history", "a file", "a folder")
-    # Before the lines: a check that is added in between makes them more than it says, never less.
+    # Read the head before the lines: a check that is added in between then only makes the lines
+    # more than the head counts, never fewer.
     head = _load_head(folder)
     with explain_os_errors(folder):
         begun = path.exists()
     if not begun:
-        # A head of no checks is what a power cut leaves before the first line.
+        # A power cut before the first line leaves a head of zero checks.
         if head is not None and head.checks > 0:
             raise BadInput(path, "the file", "nothing", f"the history that {HEAD} is of")
         return HistoryChain()
@@ -128,7 +131,7 @@ def read_lines(folder: Path, kind: type[Line]) -> HistoryChain[Line]:
 
 
 def _refuse_other_kind(path: Path, number: int, content: object, kind: type[AnyLine]) -> None:
-    """A history has checks of one kind."""
+    """Raise `BadInput` for a line of another kind of check: a history has one kind."""
     own_kind = KINDS["armd.interim.points/1" if kind is PointsLine else "armd.interim.check/1"]
     schema = content.get("schema") if isinstance(content, dict) else None
     line_kind = KINDS.get(schema, own_kind) if isinstance(schema, str) else own_kind
@@ -138,7 +141,11 @@ def _refuse_other_kind(path: Path, number: int, content: object, kind: type[AnyL
 
 
 def _check_head(folder: Path, head: Head | None, hashes: Sequence[str]) -> None:
-    """The head may be behind, after a power cut between two files, and never ahead."""
+    """Raise `BadInput` if the head is missing, counts more lines than there are, or has another
+    hash.
+
+    After a power cut between two files the head may count fewer lines.
+    """
     path, count = folder / HISTORY, len(hashes) - 1
     if head is None:
         raise BadInput(folder / HEAD, "the file", "nothing", f"the number of lines of {HISTORY}")

@@ -1,7 +1,7 @@
-"""What may change about an arm from one check to another: the catalogue's own causes, as columns.
+"""The causes of the catalogue that may begin between two checks, as columns.
 
-A cause that is there all along is the catalogue's; here its amplitude is a function of time, zero
-before an onset. So each cause stands once, without instants, and time comes in `sequence`.
+The catalogue's causes are present at all times. Here the amplitude of a cause is a function of
+time, zero before an onset. So each cause is listed once, without instants; `changes` adds the time.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from armd.compensation.effects.encoder import encoder_slip
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
-#: What happens to an arm within weeks: blows, slips, wear, a loose tip, a failing sensor. A
-#: material's expansion, a disc's ruling and the time base stay what they were.
+#: Causes that can begin within weeks: blows, slips, wear, a loose tip, a failing sensor. The
+#: expansion of a material, the ruling of a disc and the time base do not change.
 HAPPENS = (
     "encoder_eccentricity",
     "encoder_ellipticity",
@@ -31,16 +31,16 @@ HAPPENS = (
     "sensor_offset",
     "tip_offset",
 )
-#: A worn bearing leans once a turn; higher orders are a matter of how it was made.
+#: A worn bearing tilts once a turn; higher orders come from its manufacture.
 WOBBLE_ORDER = 1.0
-#: A sudden turn of a joint's zero is the encoder's by the catalogue's convention; that the joint
-#: itself was knocked so is the rest. No reading tells the two apart.
+#: A sudden change of a joint's zero is attributed to the encoder, as in the catalogue. This share
+#: is the probability that the joint itself was knocked: no reading separates the two.
 KNOCKED_SHARE = 0.07
 
 
 @dataclass(frozen=True)
 class Cause:
-    """A candidate of the catalogue, and how likely it is before anything is seen."""
+    """A candidate of the catalogue with its prior probabilities."""
 
     candidate: Candidate
     prior_sudden: float  # of a sudden change
@@ -52,14 +52,17 @@ class Cause:
 
 
 def list_causes(arm: Arm, calibration: Calibration) -> list[Cause]:
-    """Every cause that may begin between two checks, with its prior: uniform over families, then
-    over places, then over the forms at one place."""
+    """List every cause that may begin between two checks, with its prior.
+
+    The prior is uniform over families, then over places, then over the forms at one place.
+    """
     possible = [c for c in list_all_candidates(_make_scene(arm, calibration)) if _can_happen(c)]
     slips = [_make_slip(c) for c in possible if _is_turn(c)]
     sudden, gradual = _make_priors([*possible, *slips]), _make_priors(possible)
     causes: list[Cause] = []
     for candidate, prior in zip([*possible, *slips], sudden, strict=True):
-        # A turn of the zero is a knock seldom, if sudden, and a creep, if it grows.
+        # A sudden change of the zero is rarely a knock; a gradual one is always a creep of the
+        # joint.
         share = KNOCKED_SHARE if _is_turn(candidate) else 1.0
         growing = gradual[len(causes)] if len(causes) < len(possible) else 0.0
         causes.append(Cause(candidate, share * prior, growing))
@@ -71,7 +74,11 @@ def list_causes(arm: Arm, calibration: Calibration) -> list[Cause]:
 
 
 def _make_scene(arm: Arm, calibration: Calibration) -> SessionFacts:
-    """The calibration held; no instants, for a change's instant is not the catalogue's business."""
+    """Make the facts of a session with a fixed calibration and without instants.
+
+    The catalogue's causes with instants are not needed: the onset of a change is estimated
+    separately.
+    """
     return SessionFacts(
         arm=arm,
         constants=calibration.vector(arm.n_joints),
@@ -110,7 +117,7 @@ def _is_turn(candidate: Candidate) -> bool:
 
 def _make_slip(turn: Candidate) -> Candidate:
     joint = turn.location.joint
-    assert joint is not None  # of a constant that shifts
+    assert joint is not None  # a geometry shift always has a joint
     return Candidate("encoder_slip", turn.location, encoder_slip.make_columns(joint), ("time_s",))
 
 

@@ -1,12 +1,12 @@
-"""The folder in which checks are kept: append-only, each line holding the hash of the one before.
+"""The folder of an append-only history of checks, each line with the hash of the one before.
 
     history.jsonl            one line per check, in the order of adding
-    head.json                how many lines there are, and the last one's hash
-    checks/STARTED-NAME/     the session as it was measured, and statistics.json, what it says
+    head.json                the number of lines, and the last one's hash
+    checks/STARTED-NAME/     the session as it was measured, and statistics.json, its reduction
     arms/, calibrations/     the files that the checks were added with, by their hash
 
-A check's folder is whole before its line is written, and every file appears whole or not at all:
-what a power cut leaves is the history of before, or of after.
+A check's folder is complete before its line is written, and every file appears whole or not at all.
+So a power cut leaves the history either as it was before or as it is after.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ STATISTICS = "statistics.json"
 
 @dataclass(frozen=True)
 class Check:
-    """A check that the history has."""
+    """A check of the history."""
 
     line: HistoryLine
     arm: Arm
@@ -44,13 +44,17 @@ class Check:
 
     @property
     def epoch(self) -> tuple[str, str]:
-        """Checks under one calibration and one description of the arm are judged together."""
+        """The calibration and the description of the arm; checks that share both are judged
+        together.
+        """
         return self.calibration.sha256, self.arm.model_dump_json()
 
 
 def load(folder: Path, before: Sequence[Check] = ()) -> list[Check]:
-    """All checks of a history in order of time; raises `BadInput` where it is damaged. Those that
-    were loaded *before* are held to their hashes and not read again."""
+    """Load all checks of a history in order of time; raises `BadInput` where it is damaged.
+
+    Checks that were loaded *before* are compared with their hashes and not read again.
+    """
     lines = read_chain(folder).lines
     if not lines:
         raise BadInput(folder, "the history", "no checks", "some: armd interim add keeps them")
@@ -91,19 +95,19 @@ def load(folder: Path, before: Sequence[Check] = ()) -> list[Check]:
 
 
 def load_measured(folder: Path, check: Check) -> Session:
-    """A check as it was measured, under the name that it was added by."""
+    """Load a check's session as it was measured, under the name by which it was added."""
     measured = load_session(folder / "checks" / check.line.folder, check.arm)
     return replace(measured, name=check.line.name)
 
 
 def _reduce_as_today(folder: Path, check: Check, causes: Sequence[Cause]) -> Check:
-    """A check whose statistics are of another catalogue, from what was measured."""
+    """Reduce a check again from its readings, because its statistics are of another catalogue."""
     measured = load_measured(folder, check)
     return replace(check, reduced=reduce(measured, check.arm, check.calibration.content, causes))
 
 
 def check_hash(path: Path, sha256: str) -> None:
-    """Raise `BadInput` unless *path* has the content of that hash."""
+    """Raise `BadInput` unless *path* has content of this hash."""
     if not path.is_file():
         raise BadInput(path, "the file", "nothing", "the file that the history was written with")
     if hashlib.sha256(read_input(path)).hexdigest() != sha256:
@@ -112,7 +116,9 @@ def check_hash(path: Path, sha256: str) -> None:
 
 
 def format_iso(unix_s: float) -> str:
-    """An instant as the contract has it: UTC, to the second, or finer where it is."""
+    """Format an instant as the contract does: UTC, to the second, with microseconds if there are
+    any.
+    """
     moment = datetime.datetime.fromtimestamp(unix_s, datetime.UTC)
     return moment.isoformat(timespec="microseconds" if moment.microsecond else "seconds").replace(
         "+00:00", "Z"

@@ -1,4 +1,4 @@
-"""Checks put into the history: whole beside it first, then a line, then the head."""
+"""Adds checks to the history: first their folders, then their lines, then the head."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from armd.terminal.counted import format_count
 
 ARMS, CALIBRATIONS, ARTEFACTS = "arms", "calibrations", "artefacts"
 FOLDERS = (ARMS, CALIBRATIONS, ARTEFACTS, CHECKS)
-#: Two computers' clocks may be so far apart, s.
+#: The largest difference that is accepted between two computers' clocks, s.
 CLOCKS_APART_S = 600.0
 
 
 @dataclass(frozen=True)
 class NewCheck:
-    """A check to be kept."""
+    """A check that is to be kept."""
 
     session: Session
     reduced: Reduced
@@ -45,7 +45,7 @@ class NewCheck:
 
 @dataclass(frozen=True)
 class CheckDate:
-    """When a check was measured, and the file that says so."""
+    """The dates of a check, and the file that states them."""
 
     name: str
     file: Path
@@ -56,7 +56,7 @@ class CheckDate:
 
     @classmethod
     def from_session(cls, session: Session) -> CheckDate:
-        """Of a session's folder."""
+        """Return the dates of a session."""
         time_s = session.states.time_s
         span = float(time_s.min()), float(time_s.max())
         file = session.path / "session.toml"
@@ -65,14 +65,16 @@ class CheckDate:
 
 @contextmanager
 def lock_history(folder: Path) -> Iterator[None]:
-    """One writer at a time; the folder is made if it is not there. Raises `BadInput` unless a
-    check can be kept in it."""
+    """Lock the history for one writer, and make its folder if it is missing.
+
+    Raises `BadInput` unless a check can be kept in it.
+    """
     with explain_os_errors(folder):
         if not folder.exists():
             folder.mkdir(parents=True, exist_ok=True)
         for place in (folder, *(folder / name for name in FOLDERS if (folder / name).exists())):
             check_folder(place)
-        if os.name == "nt":  # which opens no folder
+        if os.name == "nt":  # Windows cannot open a folder
             yield
             return
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -84,8 +86,11 @@ def lock_history(folder: Path) -> Iterator[None]:
 
 
 def check_past(checks: Sequence[CheckDate], now_unix_s: float) -> None:
-    """Raise `BadInput` for a check that is dated after now. A history gives nothing back: such a
-    check would stay the latest, and every check until its date would be taken for one before it."""
+    """Raise `BadInput` for a check that is dated in the future.
+
+    A history removes nothing: such a check would stay the latest, and every check until its date
+    would be taken for an earlier one.
+    """
     for check in checks:
         ended = check.last_unix_s
         if ended > now_unix_s + CLOCKS_APART_S:
@@ -101,8 +106,10 @@ def check_past(checks: Sequence[CheckDate], now_unix_s: float) -> None:
 
 
 def check_clock(folder: Path, lines: Sequence[AnyLine], now_unix_s: float) -> None:
-    """Raise `BadInput` if this computer's clock says less than when it added the last check: it was
-    set back, and what it dates now would be taken for measured before checks that came first."""
+    """Raise `BadInput` if the clock is earlier than when this computer added the last check.
+
+    Then the clock was set back, and a new check would be dated before checks that came first.
+    """
     if not lines:
         return
     added = datetime.datetime.fromisoformat(lines[-1].added).timestamp()
@@ -119,9 +126,11 @@ def check_clock(folder: Path, lines: Sequence[AnyLine], now_unix_s: float) -> No
 
 
 def report_early_dates(lines: Sequence[AnyLine], checks: Sequence[CheckDate]) -> str:
-    """What a person should know of *checks* added after a check that was measured after them:
-    that is as good as any other order, unless a clock was set back in between. "" if there are
-    none."""
+    """Return a remark on *checks* that are dated before the last check of the history; "" if none
+    are.
+
+    Any order of adding is allowed, but a clock may have been set back in between.
+    """
     latest = max(lines, key=lambda line: line.last_unix_s, default=None)
     if latest is None:
         return ""
@@ -141,7 +150,9 @@ def report_early_dates(lines: Sequence[AnyLine], checks: Sequence[CheckDate]) ->
 
 
 def check_new(folder: Path, lines: Sequence[AnyLine], checks: Sequence[CheckDate]) -> None:
-    """Raise `BadInput` for a check that is there, of another arm, or measured while another was."""
+    """Raise `BadInput` for a check that exists, is of another arm, or overlaps another check in
+    time.
+    """
     spans = [(line.first_unix_s, line.last_unix_s, line.name) for line in lines]
     started = {line.started: line.name for line in lines}
     for check in checks:
@@ -174,8 +185,10 @@ def keep(
     arm_file: Path,
     calibration: LoadedCalibration,
 ) -> None:
-    """Keep checks, whole and reduced: the history is locked (`lock_history`), and they have passed
-    `check_new`."""
+    """Keep checks with their sessions and statistics.
+
+    The caller has locked the history (`lock_history`), and the checks have passed `check_new`.
+    """
     arm_data = read_input(arm_file)
     arm_sha = hashlib.sha256(arm_data).hexdigest()
     common = {
@@ -203,7 +216,7 @@ def keep(
 
 
 def _make_contents(new: NewCheck) -> dict[str, bytes]:
-    """The session's files and its statistics."""
+    """Collect the session's files and its statistics."""
     contents = {
         name: read_input(new.session.path / name)
         for name in ("session.toml", *READINGS)

@@ -1,4 +1,4 @@
-"""What a calibration of one temperature could not know: how much each length grows."""
+"""The thermal expansion of each length, which a calibration at one temperature leaves unknown."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 
-#: The known errors' names of growths begin so (`Reduced.known_names`).
+#: The names of growths among the known errors begin with this (`Reduced.known_names`).
 GROWTH = "growth "
 
 
 @dataclass(frozen=True)
 class OpenGrowth:
-    """A length whose growth with temperature is unknown."""
+    """A length whose expansion with temperature is unknown."""
 
-    term: Term  # of coefficient 0
-    made_k: float  # the middle of the temperatures that it was calibrated at, above the reference
-    size: float  # standard deviation beforehand, mm per kelvin
+    term: Term  # its coefficient is 0
+    made_k: float  # middle of the calibration's temperatures, above the reference
+    size: float  # prior standard deviation, mm per kelvin
 
     @property
     def name(self) -> str:
@@ -39,8 +39,11 @@ class OpenGrowth:
 
 
 def list_open_growth(arm: Arm, calibration: Calibration) -> tuple[OpenGrowth, ...]:
-    """The growth of every length, if *calibration* has no thermal term and was made at what counts
-    as one temperature; none otherwise."""
+    """List the expansion of every length, if *calibration* leaves it unknown.
+
+    It does if it has no thermal term and was made over at most `MOST_SPAN_K`, of temperatures that
+    the arm's sensors in use measured. Otherwise the list is empty.
+    """
     ranges = calibration.temperature_range_c
     if has_thermal_model(calibration.terms) or not arm.used_sensors:
         return ()
@@ -70,8 +73,10 @@ def _compute_middle_k(term: Term, calibration: Calibration) -> float:
 def compute_rises_k(
     growth: Sequence[OpenGrowth], states: States, arm: Arm, calibration: Calibration
 ) -> F64:
-    """(n, m) how much warmer each length was than when it was calibrated; where a temperature is
-    missing, the mean of the others."""
+    """Return how much warmer each length was than at its calibration (n, m), K.
+
+    A missing temperature is replaced by the mean of the others.
+    """
     constants = calibration.vector(arm.n_joints)
     reference_c = calibration.reference_temperature_c
     warm = compute_basis_values(

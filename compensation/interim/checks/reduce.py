@@ -1,4 +1,4 @@
-"""One check reduced to what it says of the arm: clear of placements and seats, whitened."""
+"""Reduces one check to whitened rows from which placements and seats are eliminated."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from armd.compensation.model.calibration import Calibration
 from armd.errors import BadInput
 from armd.terminal.counted import format_count
 
-#: A direction of the nuisances shorter than this, relative to the longest, says nothing.
+#: Nuisance directions shorter than this, relative to the longest, are ignored.
 NUISANCE_RANK = 1e-6
-#: Noise of a certified length or position beside its constant error, mm.
+#: The noise of a certified length or position in addition to its constant error, mm.
 LENGTH_FLOOR_MM = 1e-4
-#: Fewer rows than this beyond placement and seats tell nothing.
+#: The fewest rows beyond placement and seats with which a check is accepted.
 LEAST_ROWS = 6
 
 
 def reduce(
     session: Session, arm: Arm, calibration: Calibration, causes: Sequence[Cause]
 ) -> Reduced:
-    """Reduce *session*; raises `BadInput` where it cannot tell anything."""
+    """Reduce *session*; raises `BadInput` where it determines nothing."""
     observations = _select_usable(
         collect_observations([session], arm, calibration.artefact), arm, calibration, session
     )
@@ -52,7 +52,7 @@ def reduce(
     whitener = signals.compute_whitener() * share[:, None, None]
 
     def whitened(columns: F64) -> F64:
-        """(3 n, C) from columns (n, 3, C)."""
+        """Return whitened columns (3 n, C) from columns (n, 3, C)."""
         return (whitener @ columns).reshape(3 * observations.n, columns.shape[2])
 
     cause_columns = signals.compute_motions(
@@ -92,7 +92,7 @@ def reduce(
     rests = round(float((share**2).sum()))
     spare = len(cleared) - 3 * (
         observations.n - rests
-    )  # a rest that is read again says nothing new
+    )  # further readings of a rest add no information
     if spare < LEAST_ROWS:
         at_rests = "" if rests == observations.n else f" at {format_count(rests, 'rest')}"
         problem = (
@@ -139,7 +139,10 @@ def _label_target(session: Session, target: int) -> str:
 def _select_usable(
     observations: Observations, arm: Arm, calibration: Calibration, session: Session
 ) -> Observations:
-    """Readings with all that the model needs, in time."""
+    """Select the readings that have all temperatures that the model needs; raises `BadInput`.
+
+    Every reading needs a time, and one reading at least has to be usable.
+    """
     if not np.isfinite(observations.states.time_s).all():
         raise BadInput(session.path, "time_s", "nothing", "the time of every reading")
     good = np.asarray(Signals(observations.states, arm, calibration).complete)
@@ -150,7 +153,7 @@ def _select_usable(
 
 
 def _summarise_temperatures(observations: Observations, arm: Arm) -> dict[str, tuple[float, float]]:
-    """The lowest and highest of each sensor that read anything."""
+    """Return the lowest and highest temperature of each sensor that read anything."""
     range_c = {}
     for name, celsius in zip(arm.sensors, observations.states.temperature_c.T, strict=True):
         finite_c = celsius[np.isfinite(celsius)]
@@ -160,7 +163,7 @@ def _summarise_temperatures(observations: Observations, arm: Arm) -> dict[str, t
 
 
 def _compute_rest_share(observations: Observations) -> F64:
-    """(n,) readings of one rest share its weight."""
+    """Return a factor (n,) for each reading, so that the readings of one rest share its weight."""
     q, target = observations.states.q, observations.target
     begins = np.ones(observations.n, dtype=bool)
     begins[1:] = (target[1:] != target[:-1]) | (np.abs(np.diff(q, axis=0)) > REST_RAD).any(axis=1)
@@ -170,7 +173,7 @@ def _compute_rest_share(observations: Observations) -> F64:
 
 
 def _make_placement_columns(observations: Observations, placed: F64) -> F64:
-    """(n, 3, 6 P) columns of the placements."""
+    """Make the columns (n, 3, 6 P) of the placements."""
     motions = make_pose_columns(observations, placed, compute_centres(observations, placed))
     n_placements = len(observations.placement_names)
     columns = np.zeros((observations.n, 3, n_placements, 6))
@@ -179,7 +182,9 @@ def _make_placement_columns(observations: Observations, placed: F64) -> F64:
 
 
 def _make_target_shifts(observations: Observations, poses: Poses) -> tuple[F64, I64]:
-    """(n, 3, 3 T) columns of the touched targets' shifts, and which targets these are."""
+    """Make the columns (n, 3, 3 T) of the touched targets' shifts, and return the
+    targets' indices.
+    """
     touched = np.unique(observations.target[~observations.has_truth])
     motions = make_target_columns(observations, poses)
     columns = np.zeros((observations.n, 3, len(touched), 3))
@@ -190,7 +195,7 @@ def _make_target_shifts(observations: Observations, poses: Poses) -> tuple[F64, 
 
 
 def _make_distance_rows(observations: Observations, poses: Poses, touched: I64) -> _Lengths:
-    """Certified lengths between touched targets as rows."""
+    """Make rows for the certified lengths between touched targets."""
     lengths, place = observations.distances, {int(t): i for i, t in enumerate(touched)}
     residual, columns, errors, numbers = [], [], [], []
     for d, (a, b) in enumerate(lengths.between):
@@ -213,7 +218,7 @@ def _make_distance_rows(observations: Observations, poses: Poses, touched: I64) 
 
 
 def _make_clear_basis(nuisance: F64) -> F64:
-    """(rows, r) an orthonormal basis of what no nuisance moves."""
+    """Return an orthonormal basis (rows, r) of the directions that no nuisance moves."""
     u, s, _ = np.linalg.svd(nuisance, full_matrices=True)
     rank = int((s > NUISANCE_RANK * s[0]).sum())
     return np.ascontiguousarray(u[:, rank:])

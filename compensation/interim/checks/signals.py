@@ -1,4 +1,4 @@
-"""What readings see under a calibration: the tip, how causes move it, and how well it is known."""
+"""Quantities of readings under a calibration: the tip, how causes move it, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import compute_jacobian
 from armd.compensation.model.state import States
 
-#: Without a word of noise in the calibration: the scale is learnt from the checks.
+#: The noise of a reading, if the calibration states none; its scale is estimated from the checks.
 USUAL_MM = 5e-3
 LEAST_MM = 1e-6
 
 
 class Signals:
-    """Of readings in *states*, each on its own."""
+    """Tip positions, derivatives and noise of the readings in *states*, each reading by itself."""
 
     def __init__(self, states: States, arm: Arm, calibration: Calibration) -> None:
         self.states, self.arm, self.calibration = states, arm, calibration
@@ -41,7 +41,7 @@ class Signals:
         self.position_mm, self._moved = compute_jacobian(states.q, parameters)
 
     def compute_motions(self, columns: Sequence[Column]) -> F64:
-        """(n, 3, p) how far each of *columns* moves the tip, mm per unit."""
+        """Return how far each of *columns* moves the tip (n, 3, p), mm per unit."""
         motions = np.zeros((self.states.n, 3, len(columns)))
         about = self.states, self.arm, self.calibration.reference_temperature_c, self._constants
         for j, column in enumerate(columns):
@@ -49,7 +49,9 @@ class Signals:
         return motions
 
     def compute_calibration_motions(self) -> F64:
-        """(n, 3, B) how far the calibration's independent standard errors move the tip, mm."""
+        """Return how far the calibration's independent standard errors move the tip (n, 3,
+        B), mm.
+        """
         names, columns = self.arm.layout.names, []
         for name in self.calibration.covariance_of:
             if name in names:
@@ -64,7 +66,7 @@ class Signals:
         return np.stack(columns, axis=2) @ _compute_root(covariance)
 
     def compute_growth_motions(self, growth: Sequence[OpenGrowth]) -> F64:
-        """(n, 3, m) how far each growth moves the tip, mm per standard deviation of it."""
+        """Return how far each growth moves the tip (n, 3, m), mm per prior standard deviation."""
         places = self.arm.layout.indices(expansion.term.parameter for expansion in growth)
         rise = compute_rises_k(growth, self.states, self.arm, self.calibration)
         size = np.array([expansion.size for expansion in growth])
@@ -72,7 +74,9 @@ class Signals:
         return moved
 
     def compute_whitener(self) -> F64:
-        """(n, 3, 3) per mm, from the calibration's word on the noise."""
+        """Return the whitening matrices (n, 3, 3) per mm, from the noise that the calibration
+        states.
+        """
         noise, n_joints = self.calibration.noise, self.arm.n_joints
         encoder = np.array([*noise.encoder_rad, *[0.0] * n_joints])[:n_joints]
         joints = self._moved[:, :, self.arm.layout.angles] * encoder
@@ -84,7 +88,7 @@ class Signals:
 
 
 def _compute_root(covariance: F64) -> F64:
-    """R (B, B) with R Rᵀ the covariance."""
+    """Return a matrix R (B, B) with R Rᵀ = *covariance*."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     value, vector = np.linalg.eigh(covariance / np.outer(scale, scale))
     root: F64 = scale[:, None] * vector * np.sqrt(np.maximum(value, 0.0))

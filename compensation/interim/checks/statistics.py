@@ -1,4 +1,4 @@
-"""A reduced check as a file: JSON that a person can read, one row of numbers a line."""
+"""The file of a reduced check: JSON that a person can read, one row of numbers a line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class StatisticsFile(Strict):
     mean_unix_s: float
     first_unix_s: float
     last_unix_s: float
-    catalogue: str = ""  # of versions before it was written: unknown
+    catalogue: str = ""  # empty in files of versions that did not write it
     temperature_c: dict[str, tuple[float, float]] = {}
     residual: list[float]
     cause_columns: int
@@ -37,7 +37,7 @@ class StatisticsFile(Strict):
 
 
 def to_json(reduced: Reduced) -> str:
-    """The file's text."""
+    """Return the text of the file."""
     head = {
         "schema": "armd.interim.statistics/1",
         "readings": reduced.readings,
@@ -66,9 +66,10 @@ def to_json(reduced: Reduced) -> str:
 
 
 def from_json(path: Path, content: bytes) -> Reduced:
-    """Read it back; raises `BadInput`."""
+    """Read a reduced check from the content of a file; raises `BadInput`."""
     try:
-        # A history has one for each day: whatever is told of a fault is worked out if there is one.
+        # A history has a file for each day: the slower parser, which explains a fault, runs only if
+        # there is one.
         file = StatisticsFile.model_validate_json(content, strict=True)
     except ValidationError:
         file = parse_json(path, content, StatisticsFile)

@@ -1,1 +1,1 @@
-"""How much likelier all checks are with a change than without, and which checks are bad."""
+"""The likelihood of all checks with a change and without one, and the detection of bad checks."""

@@ -1,7 +1,7 @@
-"""A check that is off by itself: dirt in a seat, another artefact, a hand that slipped.
+"""Detection of a bad check: dirt in a seat, another artefact, a reading taken beside its seat.
 
-Its evidence is how much likelier its numbers are if it alone was spoilt than if it was like all
-others, whose mean and scatter are known from them.
+The evidence is the likelihood of its numbers if it alone is spoilt, relative to that if it is like
+all others, whose mean and scatter are estimated from them.
 """
 
 from __future__ import annotations
@@ -20,40 +20,45 @@ from armd.compensation.interim.evidence.likelihood import (
 )
 from armd.compensation.interim.evidence.stack import Stack
 
-#: One check in so many is spoilt.
+#: The prior: one check in this many is spoilt.
 ONE_IN = 50.0
-#: How a spoilt check is off: readings scatter so many times more, …
+#: A spoilt check's readings scatter this many times more, …
 SCATTERS = (2.0, 5.0, 15.0, 50.0, 500.0)
-#: … one target lies elsewhere, mm, or every one does (another artefact), mm.
+#: … or one target is displaced, mm, or all targets are (another artefact), mm.
 GRAINS_MM = (0.01, 0.05, 0.3)
 ELSEWHERE_MM = (0.05, 0.5, 5.0, 50.0)
-#: What is less likely than others by this (natural logarithm) is lost in their rounding.
+#: Terms smaller than the largest by this (natural logarithm) are lost in its rounding.
 NEGLIGIBLE = 45.0
 
 
 class Rest:
-    """What all other checks know: the known errors, and how large the noise is."""
+    """All other checks: their estimates of the known errors and of the noise."""
 
     def __init__(self, stack: Stack, sums: CheckSums) -> None:
         self.stack = stack
         self.sums = sums
 
     def log_evidence(self, check: int) -> float:
-        """Log likelihood ratio that *check*, one of those summed up, is spoilt, to that it is
-        not."""
+        """Return the log likelihood ratio that *check* is spoilt, to that it is not.
+
+        The check is one of those summed up.
+        """
         others_log, usual, off = self.log_densities(check).T
         return float(compute_log_sum(others_log + off) - compute_log_sum(others_log + usual))
 
     def log_densities(self, check: int) -> F64:
-        """(scales, 3) of the other checks; and, they known, of *check* as it usually is and spoilt,
-        by how large the standing errors are. But for what is the same of any."""
+        """Return log densities (scales, 3) for each size of the standing errors.
+
+        The columns are that of the other checks and, given them, those of *check* as a usual check
+        and as a spoilt one. Common constants are omitted.
+        """
         residual = self.stack.residual[check]
         sums = self.sums.subtract_check(self.stack.error_columns[check], residual)
         eliminated = self.stack.eliminate_errors(sums)
         lefts = eliminated.square + NOISE_WORD
         others_log = [
             compute_log_student(float(sums.numbers), float(spread), float(squared))
-            - 0.5 * len(residual) * float(np.log(remainder))  # the check's own scale
+            - 0.5 * len(residual) * float(np.log(remainder))  # scale of the check itself
             for spread, squared, remainder in zip(
                 eliminated.spread, eliminated.square, lefts, strict=True
             )
@@ -64,7 +69,7 @@ class Rest:
         densities = np.full((len(others_log), 2), -np.inf)
         order = np.argsort(others_log)[::-1]
         for k in order:
-            # No density of the check itself is over 1: what so little speaks for adds nothing.
+            # No log density of the check itself exceeds 0, so such a small weight adds nothing.
             if others_log[k] < others_log[order[0]] + densities[order[0]].min() - NEGLIGIBLE:
                 continue
             densities[k] = _weigh_usual_and_spoilt(
@@ -80,8 +85,12 @@ class Rest:
 def _weigh_usual_and_spoilt(
     off: F64, spread: F64, targets: F64, remainder: float, freedom: float
 ) -> tuple[float, float]:
-    """Log densities of a check that is *off* (r,), known to scatter by *spread* (r, r) beside the
-    noise: as it usually is, and spoilt in any of the ways."""
+    """Return the log densities of a check's deviations *off* (r,) if it is usual, and if it is
+    spoilt.
+
+    *spread* (r, r) is their covariance in addition to the noise, in units of its variance. A spoilt
+    check may be so in any of the ways.
+    """
     value, vector = np.linalg.eigh(spread)
     along = vector.T @ off
     value = 1.0 + np.maximum(value, 0.0)
@@ -101,7 +110,9 @@ def _weigh_usual_and_spoilt(
 
 
 def _compute_log_density(variance: F64, along: F64, remainder: float, freedom: float) -> float:
-    """Log of Student's density of *along* (r,), of *variance* (r,) times the noise's."""
+    """Return the log of Student's density of *along* (r,), whose variances are *variance* (r,)
+    times the noise's.
+    """
     quad = float((along**2 / variance).sum())
     spread = float(np.log(variance).sum())
     return -0.5 * spread - 0.5 * (freedom + len(along)) * float(np.log1p(quad / remainder))
@@ -109,16 +120,21 @@ def _compute_log_density(variance: F64, along: F64, remainder: float, freedom: f
 
 @dataclass(frozen=True)
 class _Beside:
-    """The same where targets are elsewhere, too, but for the whitened numbers' own determinant."""
+    """Log densities of a check whose targets are displaced, without the determinant of the
+    whitening.
+    """
 
-    gram: F64  # (m, m) of the targets' columns, whitened
+    gram: F64  # (m, m) of the targets' whitened columns
     side: F64  # (m,)
     square: float
     remainder: float
     freedom: float
 
     def log_density(self, chosen: slice, sizes: Sequence[float]) -> F64:
-        """(sizes,) of Student's, the *chosen* columns' amplitudes of each of *sizes*."""
+        """Return the log of Student's density (sizes,) for displacements of each of *sizes*.
+
+        Only the *chosen* columns are displaced.
+        """
         value, vector = np.linalg.eigh(self.gram[chosen, chosen])
         by = np.array(sizes)[:, None] ** 2
         wide = 1.0 + by * np.maximum(value, 0.0)
@@ -131,8 +147,10 @@ class _Beside:
 
 
 def find_spoilt(stack: Stack, sums: CheckSums, doubted: Sequence[int]) -> dict[int, float]:
-    """Which of the *doubted* checks among those summed up are likelier spoilt than not, the worst
-    first, with the log of their odds."""
+    """Return the *doubted* checks that are likelier spoilt than not, with the log of their odds.
+
+    They are among the checks summed up, and are ordered from the worst on.
+    """
     odds_of_spoilt: dict[int, float] = {}
     while True:
         rest = Rest(stack, sums)

@@ -1,12 +1,12 @@
-"""Known errors eliminated from sums over checks, however large the standing ones are, all at once.
+"""Elimination of known errors from sums over checks, for all sizes of the standing errors at once.
 
 With curvature K of the q known errors by the checks, and D the inverse of their prior variances,
 
     (K + D(s))⁻¹ = Tᵀ diag(w(s)) T
 
-by one T for all sizes s of the standing errors: those that do not stand are eliminated first
-(Cholesky), and what is left of the others is taken in its own directions, in which a prior of any
-size stays diagonal.
+by one T for all sizes s of the standing errors. The other errors are eliminated first (Cholesky).
+What remains of the standing errors is taken in its eigenvectors, in which a prior of any size stays
+diagonal.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from armd.arrays import F64
 
 @dataclass(frozen=True)
 class CheckSums:
-    """Sums over some checks of products of their q known errors and their numbers."""
+    """Sums over some checks of the products of their q known errors and their numbers."""
 
     curvature: F64  # (q, q)
     side: F64  # (q,)
@@ -29,7 +29,9 @@ class CheckSums:
     numbers: int
 
     def subtract_check(self, error_columns: F64, residual: F64) -> CheckSums:
-        """All but a check of these *error_columns* (r, q) and this *residual* (r,)."""
+        """Return the sums without a check of these *error_columns* (r, q) and this
+        *residual* (r,).
+        """
         return CheckSums(
             self.curvature - error_columns.T @ error_columns,
             self.side - error_columns.T @ residual,
@@ -40,20 +42,24 @@ class CheckSums:
 
 @dataclass(frozen=True)
 class EliminatedErrors:
-    """What some checks leave when the q known errors are eliminated, by S sizes of the standing."""
+    """Sums over some checks with the q known errors eliminated, for S sizes of the
+    standing errors.
+    """
 
     rotation: F64  # (q, q) T
     weights: F64  # (S, q) w
     side: F64  # (q,) the known errors' side, rotated
-    spread: F64  # (S,) log of the root of the determinant of the readings' covariance
-    square: F64  # (S,) what is left of the readings' square
+    spread: F64  # (S,) half the log determinant of the readings' covariance
+    square: F64  # (S,) remainder of the readings' squared norm
 
 
 def eliminate_standing(
     curvature: F64, side: F64, square: float, standing: slice, scales: tuple[float, ...]
 ) -> EliminatedErrors:
-    """Of *curvature* (q, q), *side* (q,) and *square*, the *standing* errors multiplied by each of
-    *scales*; all others have a prior variance of 1."""
+    """Eliminate all errors from *curvature* (q, q), *side* (q,) and *square*.
+
+    The *standing* errors are multiplied by each of *scales*; all others have a prior variance of 1.
+    """
     q = len(side)
     stands = np.zeros(q, dtype=bool)
     stands[standing] = True

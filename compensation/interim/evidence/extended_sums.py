@@ -1,5 +1,7 @@
-"""Sums over some checks for one set of further known errors after another, beside those of the
-stack, which are summed once."""
+"""Sums over some checks with one set of further known errors after another.
+
+The stack's own known errors are summed once.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,10 @@ class ExtendedSums:
         self._sums = stack.sum_checks(self._chosen)
 
     def sum_with(self, extra: Sequence[F64]) -> CheckSums:
-        """With *extra* known errors, (r, ·) of every check of the stack: the same as of a stack
-        that has them (`Stack.add_known_errors`)."""
+        """Return the sums with *extra* known errors, (r, ·) of every check of the stack.
+
+        They equal those of a stack with these errors (`Stack.add_known_errors`).
+        """
         added = self._stacked(extra)
         across = self._error_columns.T @ added
         return CheckSums(
@@ -34,5 +38,5 @@ class ExtendedSums:
         )
 
     def _stacked(self, rows_of_checks: Sequence[F64]) -> F64:
-        """The chosen ones' rows; it may be that none is chosen."""
+        """Stack the rows of the chosen checks; there may be none."""
         return np.concatenate([rows_of_checks[0][:0], *(rows_of_checks[i] for i in self._chosen)])

@@ -1,12 +1,12 @@
-"""How much likelier all readings are with a change than without: for every cause, onset and shape.
+"""The likelihood ratio of all readings with a change to without: for every cause, onset and shape.
 
-The alarm is Shiryaev's and Roberts's: R = Σ over onsets of the likelihood ratio, each of them mixed
-over causes, shapes and sizes by their priors. Without a change R − (checks) is a martingale of mean
-zero, so the mean number of checks until R first exceeds A is at least A, whatever the poses and the
-artefacts were (Pollak, Ann. Statist. 13, 1985; Tartakovsky, Nikiforov, Basseville, Sequential
-Analysis, 2014, ch. 7); it is about four times A, for where R passes A it passes it by far. What is
-wrong all along, how large that is, and the scale of the noise have priors and are integrated out,
-under both hypotheses alike, which keeps it so.
+The alarm is Shiryaev's and Roberts's: R = Σ over onsets of the likelihood ratio, each of them
+averaged over causes, shapes and sizes by their priors. Without a change R − (checks) is a
+martingale of mean zero. So the mean number of checks until R first exceeds A is at least A, for any
+poses and artefacts (Pollak, Ann. Statist. 13, 1985; Tartakovsky, Nikiforov, Basseville, Sequential
+Analysis, 2014, ch. 7). It is about four times A, because R passes A by a large step. The standing
+errors, their size and the scale of the noise have priors and are integrated out, under both
+hypotheses alike, so this property remains.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.elimination import CheckSums, EliminatedErrors
 from armd.compensation.interim.evidence.stack import OnsetSums, RunningSums, Stack
 
-#: About so many checks pass on average until a false alarm.
+#: About this many checks pass on average until a false alarm.
 RUN_LENGTH = 500.0
-#: The bound on that, the limit itself, is not tight: by simulation of the statistic a limit of 120
-#: gives one false alarm in 500 checks (decision 30).
+#: The proven bound, a limit equal to the run length, is not tight: by simulation of the statistic a
+#: limit of 120 gives one false alarm in 500 checks (decision 30).
 LIMIT = float(np.log(120.0))
-#: Sizes a change may have, in typical ones; as likely as each other.
+#: Sizes of a change, in typical ones; their prior probabilities are equal.
 SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)
-#: The calibration's word on the noise weighs as much as so many numbers.
+#: The noise that the calibration states weighs as much as this many numbers.
 NOISE_WORD = 30.0
-#: Onsets farther back are no news: by then a change has been told, or is too small to be.
+#: Onsets farther back are ignored: a change of that time has been reported, or is too small.
 MOST_BACK = 128
-#: So many onsets are weighed together that their products stay in a processor's cache.
+#: The number of onsets that are weighed together: their products stay in a processor's cache.
 AT_ONCE = 16
 #: Entries (i, j), i ≥ j, of symmetric p × p matrices, each an array of its own, and p sides.
 Lower = dict[tuple[int, int], F64]
@@ -49,7 +49,7 @@ class Weighed:
 
     @cached_property
     def log_weight(self) -> F64:
-        """(T, K, 2) of all sizes together."""
+        """The log weights (T, K, 2), summed over all sizes."""
         together: F64 = logsumexp(self.log_by_size, axis=3)
         return together
 
@@ -59,9 +59,10 @@ class Weighed:
 
     @property
     def log_alarm(self) -> float:
-        """The largest sum of as many onsets in a row as the alarm weighs: its limit is of those.
+        """The largest log sum over as many consecutive onsets as the alarm weighs.
 
-        Without a change the sum of all onsets is on average as large as they are many.
+        The alarm's limit holds for such a sum: without a change the sum over all onsets is on
+        average as large as their number.
         """
         by_onset = logsumexp(self.log_by_size, axis=(1, 2, 3))
         ends = range(min(MOST_BACK, len(by_onset)), len(by_onset) + 1)
@@ -69,7 +70,7 @@ class Weighed:
 
 
 def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Weighed:
-    """Weigh changes of the first *n* checks that begin at checks *first*."""
+    """Weigh changes of the first *n* checks that begin at the checks *first*."""
     eliminated = sums.stack.eliminate_errors(sums.sum_first(n))
     priors = np.array([[c.prior_sudden, c.prior_gradual] for c in causes])
     with np.errstate(divide="ignore"):
@@ -89,7 +90,9 @@ def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Wei
 
 
 def compute_log_sum(logs: F64, axis: int = -1) -> F64:
-    """log Σ exp along an axis; of many small arrays `scipy.special.logsumexp` takes longer."""
+    """Compute log Σ exp along an axis; for many small arrays `scipy.special.logsumexp`
+    is slower.
+    """
     largest = logs.max(axis=axis, keepdims=True)
     total: F64 = largest.squeeze(axis) + np.log(np.exp(logs - largest).sum(axis=axis))
     return total
@@ -102,8 +105,10 @@ def _compute_log_ratios(
     freedom: float,
     log_share: F64,
 ) -> Iterator[tuple[I64, F64]]:
-    """Each group's causes, and log likelihood ratios (T, causes, sizes) of their changes, the
-    standing errors being of each size with a share of *log_share* (scales,)."""
+    """Yield each group's causes, and log likelihood ratios (T, causes, sizes) of their changes.
+
+    The sizes of the standing errors have the log shares *log_share* (scales,).
+    """
     side_cleared = (
         begun.towards[..., None] - begun.cross @ (eliminated.weights * eliminated.side).T
     )  # (T, C, scales)
@@ -127,28 +132,34 @@ def _compute_log_ratios(
 
 
 def _compute_log_marginals(eliminated: EliminatedErrors, numbers: int) -> F64:
-    """(scales,) log of Student's density of the checks' readings without a change, by how large
-    the standing errors are; everything known integrated out."""
+    """Return the log of Student's density (scales,) of the readings without a change.
+
+    There is one value for each size of the standing errors; all known errors are integrated out.
+    """
     pairs = zip(eliminated.spread, eliminated.square, strict=True)
     return np.array([compute_log_student(float(numbers), float(a), float(b)) for a, b in pairs])
 
 
 def compute_log_marginal(stack: Stack, sums: CheckSums) -> float:
-    """Log of the density of the readings of *sums*, whatever the standing errors' size."""
+    """Return the log density of the readings of *sums*, averaged over the standing errors' size."""
     logs = _compute_log_marginals(stack.eliminate_errors(sums), sums.numbers)
     return float(logsumexp(logs)) - float(np.log(len(logs)))
 
 
 def fit_standing_share(stack: Stack) -> Stack:
-    """The stack with its standing errors as large as its readings make likeliest."""
+    """Return the stack whose standing errors have the size that makes its readings likeliest."""
     sums = stack.sum_checks(range(stack.n))
     scales = _compute_log_marginals(stack.eliminate_errors(sums), sums.numbers)
     return stack.rescale(stack.scales[int(np.argmax(scales))])
 
 
 def compute_log_student(numbers: float, spread: float, square: float) -> float:
-    """The same of so many *numbers* whose covariance has a root of log determinant *spread*, and of
-    their *square* by it."""
+    """Return the log of Student's density of *numbers* values, the scale of the noise integrated
+    out.
+
+    *spread* is half the log determinant of their covariance, *square* their squared norm by its
+    inverse.
+    """
     freedom = NOISE_WORD + numbers
     scale = float(gammaln(freedom / 2) - gammaln(NOISE_WORD / 2)) - numbers / 2 * np.log(np.pi)
     shape = NOISE_WORD * np.log(NOISE_WORD) - freedom * np.log(NOISE_WORD + square)
@@ -157,15 +168,15 @@ def compute_log_student(numbers: float, spread: float, square: float) -> float:
 
 @dataclass(frozen=True)
 class KnownErrors:
-    """The q known errors as some checks tell them, in standard deviations of what was known."""
+    """Estimates of the q known errors from some checks, in prior standard deviations."""
 
     mean: F64  # (q,)
     covariance: F64  # (q, q), of unit noise
-    scale: float  # of all variances: the likelihood integrates it out; here it is at its mean
+    scale: float  # factor of all variances, at its mean (the likelihood integrates it out)
 
 
 def estimate_known_errors(sums: CheckSums) -> KnownErrors:
-    """What checks of these sums tell of them."""
+    """Estimate the known errors from the sums over some checks."""
     curvature = sums.curvature + np.eye(len(sums.side))
     covariance = np.asarray(np.linalg.inv(curvature), dtype=np.float64)
     mean = covariance @ sums.side
@@ -176,7 +187,9 @@ def estimate_known_errors(sums: CheckSums) -> KnownErrors:
 def run(
     sums: RunningSums, causes: Sequence[Cause], since: int = 0, until: int | None = None
 ) -> F64:
-    """Log of the alarm's statistic after each check from *since* on, (until − since,)."""
+    """Return the log of the alarm's statistic after each check from *since* on, (until
+    − since,).
+    """
     until = sums.stack.n if until is None else until
     statistics = []
     for n in range(since + 1, until + 1):
@@ -188,9 +201,11 @@ def run(
 def integrate_amplitudes(
     gram: Lower, side: Sequence[F64], sizes: Sequence[float]
 ) -> tuple[F64, F64]:
-    """log det(I + s² G) and s² yᵀ (I + s² G)⁻¹ y for each of *sizes* s, along a new last axis.
+    """Return log det(I + s² G) and s² yᵀ (I + s² G)⁻¹ y for each of *sizes* s, along a new last
+    axis.
 
-    Elimination row by row, over all matrices at once: they have few rows and there are many.
+    The elimination goes row by row over all matrices at once: they have few rows and there are
+    many.
     """
     by = np.array(sizes)
     entry = {place: values[..., None] * by**2 for place, values in gram.items()}
@@ -198,7 +213,7 @@ def integrate_amplitudes(
     determinant = np.ones(())
     quad = np.zeros(())
     for j in range(len(side)):
-        # A pivot of I + s² G is 1 at least, but for roundings.
+        # A pivot of I + s² G is at least 1, apart from rounding.
         pivot = np.maximum(1.0 + entry[j, j], 1.0)
         determinant = determinant * pivot
         quad = quad + sides[j] ** 2 / pivot

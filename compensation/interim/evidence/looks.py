@@ -1,4 +1,4 @@
-"""Checks after which no change was told, as far as watching goes on from them."""
+"""Results of watching checks without an alarm, from which the watch can continue."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-#: What the same checks say of a change known differs by roundings alone, far less than this share.
+#: Numbers of a known change that come from the same checks differ by rounding only, far less than
+#: this share.
 SAME = 1e-7
 
 
 @dataclass(frozen=True)
 class QuietRun:
-    """What came of checks one after another, after none of which a change was told: all that
-    watching the later ones needs of it."""
+    """The result of consecutive checks without an alarm: all that is needed to watch later ones."""
 
     statistic: tuple[float, ...] = ()  # after each of them
-    bad: tuple[int, ...] = ()  # those of them and before that will not be doubted again
+    bad: tuple[int, ...] = ()  # bad ones of them and of earlier checks; final
 
 
 NOTHING_YET = QuietRun()
@@ -26,11 +26,11 @@ NOTHING_YET = QuietRun()
 
 @dataclass(frozen=True)
 class EpochLook:
-    """One look at an epoch's checks, from *since* on: what was known then, and what came of it."""
+    """One look at an epoch's checks, from *since* on: what was known then, and the result."""
 
     since: int
-    left_out: tuple[int, ...]  # checks before that are bad
-    known_changes: tuple[float, ...]  # the changes known, as numbers
+    left_out: tuple[int, ...]  # earlier checks that are bad
+    known_changes: tuple[float, ...]  # the known changes, as numbers
     quiet: QuietRun
 
     @property
@@ -51,22 +51,27 @@ class EpochLook:
 
 @dataclass(frozen=True)
 class EpochLooks:
-    """All looks at an epoch's checks, in turn: with no change known, and after each one told."""
+    """All looks at an epoch's checks, in turn: without a known change, and after each
+    reported one.
+    """
 
     looks: tuple[EpochLook, ...] = ()
-    #: The statistic after each check that came after the first alarm, but the last, without these.
+    #: The statistic after each check between the first alarm and the last check, without the checks
+    #: *left_out*.
     after: tuple[float, ...] = ()
     left_out: tuple[int, ...] = ()
 
     def find_quiet_run(
         self, since: int, left_out: Sequence[int], known_changes: Sequence[float]
     ) -> QuietRun:
-        """What is known of a look already."""
+        """Return the result of a look that was made before, or an empty one."""
         matching = (look for look in self.looks if look.is_at(since, left_out, known_changes))
         return next((look.quiet for look in matching), NOTHING_YET)
 
     def after_alarm(self, alarm: int, check: int, left_out: Sequence[int]) -> float | None:
-        """The statistic after a *check* that came after the first *alarm*, if it is known."""
+        """Return the statistic after a *check* that came after the first *alarm*, or None if it is
+        unknown.
+        """
         place = check - alarm - 1
         first = self.looks[0] if self.looks else None
         if first is None or first.until != alarm or not 0 <= place < len(self.after):

@@ -1,7 +1,6 @@
-"""Checks of one epoch stacked: sufficient statistics summed over time, what is wrong all along
-eliminated.
+"""The checks of one epoch stacked: sums over time, from which the standing errors are eliminated.
 
-All of it in the checks' order in time, so that the order of adding plays no part.
+All of it is in the checks' order in time, so the order of adding has no effect.
 """
 
 from __future__ import annotations
@@ -24,17 +23,18 @@ from armd.compensation.interim.evidence.elimination import (
 )
 from armd.compensation.model.slow_factors import DAY_S
 
-#: A calibration knows its constants as well as it says, within this factor: its model was fitted on
-#: other days, in other poses, on another artefact.
+#: Factor on the uncertainties that a calibration states: its model was fitted on other days, in
+#: other poses, on another artefact.
 TRUST = 2.0
-#: What a model does not have is there all along, and is no change: at one of these shares of its
-#: typical size, as likely as each other beforehand. The checks tell which (decision 30).
+#: Errors that the model lacks are present in all checks and are no change (standing errors). Their
+#: size is one of these shares of the typical one, with equal prior probabilities; the checks decide
+#: (decision 30).
 ALL_ALONG = (0.01, 0.03, 0.1, 0.3)
-#: Directions of it that all checks together see by less than this, in variances of one number,
-#: are none: so little that no later check, which may see more of them, makes a difference to what
-#: was said before.
+#: Directions of the known errors that all checks together measure by less than this, in
+#: variances of one number, are dropped. This is so little that a later check, which may measure
+#: more of them, does not change earlier results.
 LEAST_SEEN = 1e-9
-#: A growth is counted per so many days.
+#: Growths are stated per this many days.
 RAMP_DAYS = 30.0
 
 
@@ -54,11 +54,11 @@ class Stack:
     time_d: F64  # (n,) mean time of each check, days since the first
     residual: tuple[F64, ...]  # n × (r,)
     columns: tuple[F64, ...]  # n × (r, C), per typical size
-    error_columns: tuple[F64, ...]  # n × (r, q) per standard deviation of what is wrong all along
+    error_columns: tuple[F64, ...]  # n × (r, q) per standard deviation of the known errors
     targets: tuple[F64, ...]  # n × (r, 3 T) per mm
     blocks: tuple[slice, ...]  # K causes' columns
-    #: Of the known errors those that the model does not have, from and to, at such a share of their
-    #: typical size.
+    #: The first and last of the known errors that the model lacks (standing errors), and their
+    #: share of the typical size.
     standing: tuple[int, int] = (0, 0)
     share: float = 1.0
 
@@ -68,34 +68,36 @@ class Stack:
 
     @property
     def gap_d(self) -> float:
-        """How far checks are usually apart, days."""
+        """The usual interval between checks, days."""
         return find_usual_gap_d(self.time_d)
 
     @property
     def stands(self) -> bool:
-        """Whether any of the known errors is one that the model does not have."""
+        """Whether any of the known errors is a standing error."""
         return self.standing[0] < self.standing[1]
 
     @property
     def scales(self) -> tuple[float, ...]:
-        """What the standing errors may have to be multiplied by, each as likely as the others."""
+        """The factors by which the standing errors may have to be multiplied, with equal
+        probabilities.
+        """
         if not self.stands:
             return (1.0,)
         return tuple(share / self.share for share in ALL_ALONG)
 
     def scale_factors(self, scale: float) -> F64:
-        """(q,) factors of the known errors where the standing ones are *scale* times as large."""
+        """Return factors (q,) of the known errors: *scale* for the standing ones, else 1."""
         factors = np.ones(self.error_columns[0].shape[1])
         factors[slice(*self.standing)] = scale
         return factors
 
     def rescale(self, scale: float) -> Stack:
-        """The same, the standing errors *scale* times as large."""
+        """Return the stack with standing errors *scale* times as large."""
         error_columns = tuple(columns * self.scale_factors(scale) for columns in self.error_columns)
         return replace(self, error_columns=error_columns, share=self.share * scale)
 
     def select_checks(self, chosen: Sequence[int]) -> Stack:
-        """Some of the checks, in time."""
+        """Return the stack of the *chosen* checks, in time."""
         return replace(
             self,
             time_d=self.time_d[list(chosen)],
@@ -106,7 +108,7 @@ class Stack:
         )
 
     def sum_checks(self, chosen: Sequence[int]) -> CheckSums:
-        """Over some of the checks."""
+        """Return the sums over the *chosen* checks."""
         pairs = [(self.error_columns[i], self.residual[i]) for i in chosen]
         q = self.error_columns[0].shape[1]
         return CheckSums(
@@ -117,23 +119,23 @@ class Stack:
         )
 
     def eliminate_errors(self, sums: CheckSums) -> EliminatedErrors:
-        """Of *sums* over some of the checks, all known errors eliminated."""
+        """Eliminate all known errors from *sums* over some of the checks."""
         standing = slice(*self.standing)
         return eliminate_standing(sums.curvature, sums.side, sums.square, standing, self.scales)
 
     def add_known_errors(self, extra: Sequence[F64]) -> Stack:
-        """With more known errors, (r, ·) per check."""
+        """Return the stack with *extra* known errors, (r, ·) per check."""
         pairs = zip(self.error_columns, extra, strict=True)
         return replace(self, error_columns=tuple(np.concatenate(pair, axis=1) for pair in pairs))
 
 
 def find_usual_gap_d(time_d: F64) -> float:
-    """How far checks at these times are usually apart, days."""
+    """Return the usual (median) interval between checks at these times, days."""
     return float(np.median(np.diff(time_d))) if len(time_d) > 1 else 1.0
 
 
 def join_checks(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
-    """*checks* in order of time."""
+    """Stack *checks*, which are in order of time."""
     typical = np.array([c.prior_sd for cause in causes for c in cause.candidate.columns])
     columns = [check.causes * typical for check in checks]
     share = max(ALL_ALONG)
@@ -156,13 +158,13 @@ def join_checks(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
 
 
 def _align(checks: Sequence[Reduced]) -> list[F64]:
-    """Known errors of every check under the same names."""
+    """Return the known errors of every check, aligned by their names."""
     names = list(dict.fromkeys(name for check in checks for name in check.known_names))
     place = {name: i for i, name in enumerate(names)}
     aligned = []
     for check in checks:
         wide = np.zeros((len(check.residual), len(names)))
-        # a growth's size is the materials', not the calibration's word
+        # a growth's prior comes from the materials, not from the calibration
         trust = [1.0 if name.startswith(GROWTH) else TRUST for name in check.known_names]
         wide[:, [place[name] for name in check.known_names]] = np.array(trust) * check.error_columns
         aligned.append(wide)
@@ -170,7 +172,7 @@ def _align(checks: Sequence[Reduced]) -> list[F64]:
 
 
 def _compress(error_columns: Sequence[F64]) -> list[F64]:
-    """The same errors by fewer, independent unknowns: those that the checks see at all."""
+    """Express the errors by fewer, independent unknowns: those that the checks measure at all."""
     gram = sum(
         (columns.T @ columns for columns in error_columns),
         np.zeros((error_columns[0].shape[1],) * 2),
@@ -183,9 +185,9 @@ def _compress(error_columns: Sequence[F64]) -> list[F64]:
 class RunningSums:
     """Running sums over the first i checks, for changes that begin at a check or between two.
 
-    The causes' are made when first asked for, without a change they play no part; over checks from
-    *begin* on, which is enough for changes that begin there or later. Their C columns stand group
-    by group.
+    The causes' sums are computed when first needed: without a change they are not used. They cover
+    checks from *begin* on, which is enough for changes that begin there or later. Their C columns
+    are ordered group by group.
     """
 
     def __init__(self, stack: Stack, begin: int = 0) -> None:
@@ -207,7 +209,7 @@ class RunningSums:
         self._order = np.concatenate(
             [columns.ravel() for _, columns in self.groups] or [np.zeros(0, int)]
         )
-        self._powers = np.array([np.ones(stack.n), days, days**2])  # of time
+        self._powers = np.array([np.ones(stack.n), days, days**2])  # powers of time
         pairs = [*zip(stack.error_columns, stack.residual, strict=True)]
         q = stack.error_columns[0].shape[1]
         self.error_gram = _cumulate(self._powers[:1], (k.T @ k for k, _ in pairs), (q, q))[0]
@@ -217,7 +219,7 @@ class RunningSums:
 
     @cached_property
     def cause_grams(self) -> list[F64]:
-        """Each group's (3, n − begin + 1, causes, p, p)."""
+        """The products of each group's columns (3, n − begin + 1, causes, p, p)."""
         grams = []
         for _, columns in self.groups:
             products = (
@@ -229,13 +231,13 @@ class RunningSums:
 
     @cached_property
     def towards(self) -> F64:
-        """(2, n − begin + 1, C)."""
+        """The products of the causes' columns and the readings (2, n − begin + 1, C)."""
         pairs = zip(self._columns(), self.stack.residual[self.begin :], strict=True)
         return self._since_begin(2, (x.T @ z for x, z in pairs), self._order.shape)
 
     @cached_property
     def cross(self) -> F64:
-        """(2, n − begin + 1, C, q)."""
+        """The products of the causes' columns and the known errors (2, n − begin + 1, C, q)."""
         pairs = zip(self._columns(), self.stack.error_columns[self.begin :], strict=True)
         shape = (len(self._order), self.stack.error_columns[0].shape[1])
         return self._since_begin(2, (x.T @ k for x, k in pairs), shape)
@@ -247,14 +249,18 @@ class RunningSums:
         return _cumulate(self._powers[:powers, self.begin :], products, shape)
 
     def sum_first(self, n: int) -> CheckSums:
-        """Of the first *n* checks."""
+        """Return the sums over the first *n* checks."""
         numbers = int(self.numbers[n])
         return CheckSums(self.error_gram[n], self.known_towards[n], float(self.square[n]), numbers)
 
     def drop_checks(self, left_out: Sequence[int], n: int, back: int) -> tuple[RunningSums, int]:
-        """Of the first *n* checks without those *left_out*, for changes that begin at one of the
-        last *back*; and with which check these sums begin to be kept apart."""
-        # A growth is dated by the check before its first one.
+        """Return the sums over the first *n* checks without those *left_out*, and their first
+        check.
+
+        They serve changes that begin at one of the last *back* checks. Earlier checks are only in
+        the totals, not in sums of their own.
+        """
+        # The origin of a growth is the check before its first one.
         begin = max(0, n - back - len(left_out) - 1)
 
         def dropped(values: F64, axis: int, kept_from: int) -> F64:
@@ -280,8 +286,12 @@ class RunningSums:
         return new, begin
 
     def sum_by_onset(self, first: I64, n: int, rotation: F64) -> Iterator[OnsetSums]:
-        """Steps, and then growths, that begin at checks *first* (T,), up to check *n*; a growth is
-        zero at the check before. The known errors are turned by *rotation* (q, q)."""
+        """Yield the sums of steps, then of growths, that begin at the checks *first* (T,), up to
+        check *n*.
+
+        A growth is zero at the check before its first one. *rotation* (q, q) rotates the known
+        errors.
+        """
         shape = (2, len(first), *self.cross.shape[2:])
         since, until = first - self.begin, n - self.begin
         turned = (self.cross[:, since].reshape(-1, shape[-1]) @ rotation.T).reshape(shape)
@@ -298,8 +308,10 @@ class RunningSums:
         )
 
     def compute_origins(self, first: I64, n: int) -> F64:
-        """(T,) when a growth begins that first shows at check *first* of *n*, in units of
-        `RAMP_DAYS`."""
+        """Return the origins (T,) of growths that first show at the checks *first* of *n*.
+
+        They are in units of `RAMP_DAYS`.
+        """
         days = self.stack.time_d[:n] / RAMP_DAYS
         before = np.concatenate(
             [[days[0] - find_usual_gap_d(self.stack.time_d[:n]) / RAMP_DAYS], days[:-1]]
@@ -308,8 +320,10 @@ class RunningSums:
 
 
 def _cumulate(powers: F64, products: Iterable[F64], shape: tuple[int, ...]) -> F64:
-    """(powers, n + 1, *shape) sums of *products*, n of that shape, times powers of time
-    (powers, n)."""
+    """Return the sums (powers, n + 1, *shape) of *products* times powers of time (powers, n).
+
+    The *products* are n arrays of that shape.
+    """
     sums = np.zeros((len(powers), powers.shape[1] + 1, *shape))
     for i, product in enumerate(products):
         for power, total in zip(powers[:, i], sums, strict=True):

@@ -1,7 +1,7 @@
-"""Checks watched in sequence: when a change is told, and which checks were bad themselves.
+"""The watch of checks in sequence: when a change is reported, and which checks are bad.
 
-The last few checks may each be bad. Every way of that is weighed, with a change in the others and
-without one: a bad check right before a change hides neither.
+Each of the last few checks may be bad. Every combination is weighed, with a change in the others
+and without one, so a bad check right before a change hides neither.
 """
 
 from __future__ import annotations
@@ -27,32 +27,34 @@ from armd.compensation.interim.evidence.likelihood import (
 from armd.compensation.interim.evidence.looks import NOTHING_YET, QuietRun
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 
-#: Until so many later checks are there, a check may turn out to have been bad; so many in a row
-#: that no cause of the catalogue explains are a change without a name.
+#: A check may still turn out to be bad until this many later checks are there. This many
+#: consecutive checks that no cause of the catalogue explains are an unnamed change.
 UNSETTLED = 3
-#: A change that nothing in the catalogue makes is so likely, at an onset.
+#: The prior probability, at an onset, of a change by a cause that is not in the catalogue.
 STRANGE = 0.02
 
 
 @dataclass(frozen=True)
 class Watched:
-    """What came of watching checks one after another."""
+    """The result of watching checks one after another."""
 
     statistic: F64  # (n,) after each check, NaN where it was not watched
     alarm: int | None  # the first check after which the statistic exceeded its limit
-    strange: bool  # whether what was told then fits nothing in the catalogue
-    bad: tuple[int, ...]  # checks that are off by themselves
-    quiet: QuietRun  # until before the last check that was watched
+    strange: bool  # whether no cause of the catalogue explains the reported change
+    bad: tuple[int, ...]  # checks that are bad
+    quiet: QuietRun  # up to the last watched check, without it
 
 
 @dataclass(frozen=True)
 class Standing:
-    """What all checks until now say, some of the last of them doubted; counted as they are summed
-    up."""
+    """The result of all checks until now, of which the last ones may be doubted.
+
+    Checks are numbered as in the sums.
+    """
 
     statistic: float
     strange: bool
-    bad: tuple[int, ...]  # of the doubted, if a change is told now
+    bad: tuple[int, ...]  # those of the doubted, if a change is reported now
 
 
 def detect_changes(
@@ -62,8 +64,10 @@ def detect_changes(
     known_bad: Sequence[int] = (),
     begun: QuietRun = NOTHING_YET,
 ) -> Watched:
-    """Watch checks from *since* on, until a change is told; *known_bad* are left out. Some of the
-    checks may have *begun* it already."""
+    """Watch checks from *since* on, until a change is reported; *known_bad* are left out.
+
+    Some of the checks may have been watched before, with the result *begun*.
+    """
     watched = len(begun.statistic)
     settled = list(begun.bad) if watched else [i for i in known_bad if i < since]
     statistics = np.full(stack.n, np.nan)
@@ -101,8 +105,10 @@ def _weigh(
     count: int,
     doubted: Sequence[int],
 ) -> Standing:
-    """Log odds of a change from check *begins* on, after *count* checks, whichever of the *doubted*
-    are bad."""
+    """Compute the log odds of a change from check *begins* on, after *count* checks.
+
+    The result is averaged over which of the *doubted* checks are bad.
+    """
     stack, every = sums.stack, sums.sum_first(count)
     without_doubted = compute_log_marginal(stack, _drop_checks(stack, every, doubted))
     spoilt_log = {
@@ -142,9 +148,12 @@ def _drop_checks(stack: Stack, sums: CheckSums, left_out: Sequence[int]) -> Chec
 def _make_sums(
     stack: Stack, left_out: Sequence[int], watched: int
 ) -> tuple[RunningSums, list[int]]:
-    """Of all checks but those *left_out*, and which these are; the first *watched* are no news."""
+    """Make the sums over all checks except those *left_out*, and return their numbers.
+
+    The first *watched* checks have been weighed before.
+    """
     good = [i for i in range(stack.n) if i not in left_out]
-    back = MOST_BACK + UNSETTLED + 1  # some of the last may be left out, too
+    back = MOST_BACK + UNSETTLED + 1  # some of the last may be left out as well
     begin = max(0, bisect_left(good, watched + 1) - back)
     return RunningSums(stack.select_checks(good), begin), good
 
@@ -152,6 +161,8 @@ def _make_sums(
 def _compute_log_ratio(
     sums: RunningSums, causes: Sequence[Cause], begins: int, count: int
 ) -> float:
-    """Log of the summed ratio, of *count* checks, for changes from check *begins* on."""
+    """Return the log likelihood ratio, summed over changes from check *begins* on, of *count*
+    checks.
+    """
     first = np.arange(max(begins, count - MOST_BACK), count)
     return weigh(sums, causes, count, first).log_sum if len(first) else -np.inf

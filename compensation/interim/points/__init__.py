@@ -1,1 +1,1 @@
-"""Interim checks of an arm whose joints nobody reads: tables of points over time."""
+"""Interim checks of an arm whose joint angles are not available: tables of points over time."""

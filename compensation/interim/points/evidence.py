@@ -1,16 +1,16 @@
-"""How much likelier a series of figures is with a change than without.
+"""The likelihood ratio of a series of figures with a change to without.
 
 One figure in n checks is y = level + β·course + noise of unknown size σ. The level has a flat
-prior. That of σ is worth s checks, which scatter as the readings inside the checks let expect. β/σ
-has a normal prior of standard deviation g. Integrated over all three, the ratio of the likelihoods
-is (Liang et al., JASA 103, 2008, equation 5, with a fixed g)
+prior. That of σ is worth s checks, whose scatter is predicted from the readings inside the checks.
+β/σ has a normal prior of standard deviation g. Integrated over all three, the ratio of the
+likelihoods is (Liang et al., JASA 103, 2008, equation 5, with a fixed g)
 
     (1 + g²·x'x)^(-1/2) · (1 − g²(x'y)² / ((1 + g²·x'x)(y'y + s·u²)))^(-(n − p + s)/2)
 
-where x and y are clear of the p courses that are there already. Averaged over courses and figures,
-and summed over the checks at which a change may have begun, this is the statistic of Shiryaev and
-Roberts. Without a change it rises by one a check on the average, so that it reaches 500 once in 500
-checks at most (Pollak, Ann. Stat. 13, 1985), whatever the noises of the figures have in common.
+where the p known courses are eliminated from x and y. Averaged over courses and figures, and summed
+over the checks at which a change may have begun, this is the statistic of Shiryaev and Roberts.
+Without a change it rises by one a check on average. So it reaches 500 at most once in 500 checks
+(Pollak, Ann. Stat. 13, 1985), whatever the correlation of the figures' noise.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from scipy.special import logsumexp
 from armd.arrays import F64, Mask
 from armd.compensation.model.slow_factors import DAY_S
 
-#: A false alarm in so many checks, at most.
+#: At most one false alarm occurs in this many checks.
 RUN_LENGTH = 500.0
 LIMIT = math.log(RUN_LENGTH)
-#: The scatter inside the checks counts as much as so many checks about how far checks scatter. They
-#: scatter more than that: their seats, the hand and the day differ as well.
+#: The scatter inside the checks weighs as much as this many checks in the estimate of the scatter
+#: between checks. That is larger by this factor: seats, operator and day differ as well.
 OWN_SCATTER_CHECKS, OWN_SCATTER_FACTOR = 4.0, 1.5
-#: Steps in units of the noise, and growths in units of it a day: standard deviations of what may
-#: come, each as likely as the others of its kind.
+#: Prior standard deviations of steps, in units of the noise, and of growths, in these units a day;
+#: those of one kind are equally likely.
 STEPS, RATES_PER_DAY = (3.0, 30.0), (0.01, 0.1, 1.0)
 GRADUAL_SHARE = 0.2
 
@@ -45,7 +45,7 @@ class Series:
     own_deviation: (
         F64  # (J,) their standard uncertainty from the scatter inside a check; NaN unknown
     )
-    least_deviation: F64  # (J,) the noise is no smaller
+    least_deviation: F64  # (J,) lower bound of the noise
     instant_s: F64  # (n,) Unix time
 
     @property
@@ -55,13 +55,13 @@ class Series:
 
 @dataclass(frozen=True)
 class ChangeCourse:
-    """How a change goes on from its *first* check."""
+    """The course of a change from its *first* check on."""
 
     first: int
     gradual: bool
 
     def shape(self, instant_s: F64) -> F64:
-        """(n,) 0 before; then 1, or days since the last check before it."""
+        """Return the course (n,): 0 before; then 1, or days since the last check before it."""
         since = np.arange(len(instant_s)) >= self.first
         if not self.gradual:
             return since.astype(float)
@@ -75,9 +75,10 @@ def compute_log_ratios(
     shapes: F64,
     sizes: Sequence[float],
 ) -> F64:
-    """(m,) log of the ratio for each column of *shapes* (n, m), averaged over *sizes* and figures.
+    """Return the log ratio for each column of *shapes* (n, m), averaged over *sizes* and figures.
 
-    *rows* (n,) take part; the *known_courses* are free.
+    The result has shape (m,). The checks *rows* (n,) take part; the *known_courses* have free
+    amplitudes.
     """
     ratios = []
     for j in range(series.value.shape[1]):
@@ -98,7 +99,10 @@ def compute_log_ratios(
 def _clear_columns(
     series: Series, j: int, has_figure: Mask, known_courses: Sequence[ChangeCourse], shapes: F64
 ) -> tuple[F64, F64, float, float]:
-    """A figure and shapes clear of its level and the known courses; freedom, squares."""
+    """Eliminate the level and the known courses from a figure and from *shapes*.
+
+    Also returns the degrees of freedom and the sum of squares.
+    """
     nuisance = [np.ones(series.n)] + [course.shape(series.instant_s) for course in known_courses]
     basis, _ = np.linalg.qr(_make_full_rank(np.column_stack(nuisance)[has_figure]))
     y, x = series.value[has_figure, j], shapes[has_figure]
@@ -112,7 +116,7 @@ def _clear_columns(
 
 
 def _make_full_rank(columns: F64) -> F64:
-    """Drop columns that the ones before make, where a figure has no part in some checks."""
+    """Drop columns that depend on earlier ones, where a figure is missing in some checks."""
     basis = columns[:, :1]
     for column in columns.T[1:]:
         extended = np.column_stack([basis, column])
@@ -122,7 +126,7 @@ def _make_full_rank(columns: F64) -> F64:
 
 @dataclass(frozen=True)
 class ChangeSize:
-    """How far a change moved each figure by the last check, in the figures' scale."""
+    """The shift of each figure by a change, up to the last check, in the figures' scale."""
 
     value: F64  # (J,); NaN where a figure does not show it
     deviation: F64  # (J,) standard uncertainty
@@ -132,7 +136,7 @@ class ChangeSize:
 def fit_change_size(
     series: Series, rows: Mask, known_courses: Sequence[ChangeCourse], course: ChangeCourse
 ) -> ChangeSize:
-    """Least squares of *course* beside the *known_courses*."""
+    """Fit the size of *course* together with the *known_courses* by least squares."""
     shape = course.shape(series.instant_s)
     value, deviation, freedom = np.full((3, series.value.shape[1]), np.nan)
     for j in range(series.value.shape[1]):

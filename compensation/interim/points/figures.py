@@ -1,4 +1,6 @@
-"""What one table of points says of an arm: lengths, sizes, forms, and how well a seat repeats."""
+"""Figures of an arm from one table of points: lengths, sizes, forms, and how well a
+seat repeats.
+"""
 
 from __future__ import annotations
 
@@ -26,21 +28,23 @@ from armd.terminal.suggest import suggest_names
 
 #: The serial number of an arm of which only the points are known.
 ARM = str(UNKNOWN["serial_number"])
-#: Points on a certified sphere, by the names of docs/how-to/verify.md; before the dot is a set.
+#: Points on a certified sphere, by the names of docs/how-to/verify.md; the name of the set is
+#: before the dot.
 ON_SPHERE = re.compile(r"(SPHERE[12]|LDIA\.[1-5]|EFFDIA\.[1-3])\..+")
 #: The ends of a sphere's certified diameter.
 DIAMETER = frozenset(("SPHERE.a", "SPHERE.b"))
-#: Of fewer readings a spread says nothing.
+#: The fewest readings of a seat from which a spread is computed.
 SEAT_READINGS = 4
-#: Of more targets, only lengths from the first are compared, beside the certified ones.
+#: With more targets, only certified lengths and lengths from the first target are compared.
 MOST_IN_PAIRS = 8
-#: A certified length farther off, absolutely and in its own size, is another target, or a unit.
+#: A certified length whose error exceeds both, the second as a share of its length, belongs to
+#: another target or unit.
 FAR_OFF_MM, FAR_OFF = 5.0, 0.01
 
 
 @dataclass(frozen=True)
 class PointCheck:
-    """A check that the history has, or that is to be kept."""
+    """A check of the history, or one that is to be kept."""
 
     name: str
     first_unix_s: float
@@ -52,15 +56,18 @@ class PointCheck:
 
     @property
     def epoch(self) -> tuple[str, float]:
-        """Checks on one artefact with one tip are compared."""
+        """The artefact and the tip radius; checks that share both are compared."""
         return self.artefact, self.tip_radius_mm
 
 
 def compute_figures(
     path: Path, points: PointTable, artefact: Artefact, tip_radius_mm: float
 ) -> list[PointFigure]:
-    """All figures of a table; raises `BadInput` for a target that the artefact does not have, and
-    for a table that has no figure."""
+    """Compute all figures of a table.
+
+    Raises `BadInput` for a target that the artefact does not have, for a table without figures, and
+    for a certified length that is far off.
+    """
     artefact = artefact.with_documented(points.target)
     names = artefact.target_names
     for row, name in enumerate(points.target, 1):
@@ -104,7 +111,9 @@ def _group_points(points: PointTable) -> Groups:
 
 
 def _measure_lengths(artefact: Artefact, groups: Groups) -> Iterator[PointFigure]:
-    """Between the means of two targets in one placement, averaged over the placements."""
+    """Measure lengths between the means of two targets in one placement, averaged
+    over placements.
+    """
     placements = list(dict.fromkeys(placement for placement, _ in groups))
     certified = {frozenset(d.between): d.length_mm for d in artefact.distances}
     own_mm = _compute_scatter_mm(groups)
@@ -133,7 +142,10 @@ def _measure_lengths(artefact: Artefact, groups: Groups) -> Iterator[PointFigure
 
 
 def _measure_scale(relative: F64, own_mm: float) -> PointFigure:
-    """The factor that all certified lengths (n, 2: length, error) share, at the longest one."""
+    """Fit the common scale error of all certified lengths, stated at the longest one.
+
+    *relative* (n, 2) holds length and error, mm.
+    """
     length, error = relative.T
     longest, square = float(length.max()), float(length @ length)
     deviation = own_mm * math.sqrt(2 / square) * longest
@@ -143,7 +155,7 @@ def _measure_scale(relative: F64, own_mm: float) -> PointFigure:
 
 
 def _list_pairs(artefact: Artefact, groups: Groups) -> list[tuple[str, str]]:
-    """Which lengths are compared: the certified ones first."""
+    """List the pairs of targets whose lengths are compared, the certified ones first."""
     measured = list(dict.fromkeys(target for _, target in groups))
     listed = [d.between for d in artefact.distances if frozenset(d.between) != DIAMETER]
     located = [name for name in measured if _find_position(artefact, name) is not None]
@@ -169,7 +181,7 @@ def _measure_distance_mm(artefact: Artefact, first: str, second: str) -> float:
 
 
 def _compute_scatter_mm(groups: Groups) -> float:
-    """Standard deviation of a reading along one axis, from repeats; NaN without them."""
+    """Compute a reading's standard deviation along one axis from repeats; NaN without them."""
     repeated = [positions for positions in groups.values() if len(positions) > 1]
     freedom = sum(len(positions) - 1 for positions in repeated)
     if freedom < 2:
@@ -195,7 +207,7 @@ def _measure_spheres(
 
 
 def _measure_seats(groups: Groups) -> Iterator[PointFigure]:
-    """3-D standard deviation of the readings of each seat, over its placements."""
+    """Compute the 3-D standard deviation of the readings of each seat, over its placements."""
     for name in dict.fromkeys(target for _, target in groups):
         sets: Sequence[F64] = [
             positions for (_, target), positions in groups.items() if target == name

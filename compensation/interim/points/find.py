@@ -1,4 +1,4 @@
-"""When the figures of an arm changed: check after check, each alarm with the checks since."""
+"""The search for changes in the figures of an arm: check by check, each alarm with later checks."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from armd.compensation.interim.points.evidence import (
     compute_log_ratios,
 )
 
-#: An alarm is looked at with so many checks after it.
+#: The number of later checks that are used to explain an alarm.
 LATER_CHECKS = 5
-#: How frequent changes and bad checks are taken to be, a check.
+#: The assumed frequency of changes and of bad checks, per check.
 CHANGE_SHARE, BAD_SHARE = 1 / 100, 1 / 50
-#: Of the interval that holds a change.
+#: The probability that a change lies outside its interval.
 OUTSIDE = 0.05
 
 
 @dataclass(frozen=True)
 class PointChange:
-    """A change, and how sure it is."""
+    """A change and its probability."""
 
     course: ChangeCourse
-    earliest: int  # 95 %: the first check that has it is no earlier
-    latest: int  # and no later than this
-    probability: float  # that it is a change, and neither chance nor a bad check
+    earliest: int  # 95 % interval of the first check that has it: from
+    latest: int  # … to
+    probability: float  # of a change, rather than chance or a bad check
 
 
 @dataclass
 class PointChanges:
-    """What the checks show."""
+    """The changes and bad checks of a series."""
 
     statistic: F64  # (n,) natural logarithm
     changes: list[PointChange] = field(default_factory=list)
@@ -51,7 +51,7 @@ class PointChanges:
 
 
 def find_changes(series: Series) -> PointChanges:
-    """Watch the checks in order of time."""
+    """Find changes and bad checks, check by check in order of time."""
     detected = PointChanges(np.full(series.n, -np.inf))
     row = 0
     while row < series.n:
@@ -60,7 +60,7 @@ def find_changes(series: Series) -> PointChanges:
             bad, change = _explain(series, detected, row)
             if change is None:
                 detected.bad.append(bad)
-                row = bad  # what came after it is watched without it
+                row = bad  # watch the later checks again, without it
             else:
                 detected.changes.append(change)
         row += 1
@@ -69,7 +69,9 @@ def find_changes(series: Series) -> PointChanges:
 
 
 def _list_starts(detected: PointChanges, last: int) -> list[int]:
-    """Checks that may be a change's first: after the last one's, and none that is bad."""
+    """List the checks that may be a change's first: later than that of the last change, and not
+    bad.
+    """
     after = max((course.first for course in detected.courses), default=0)
     return [i for i in range(after + 1, last + 1) if i not in detected.bad]
 
@@ -83,7 +85,7 @@ def _select_until(series: Series, detected: PointChanges, last: int) -> np.ndarr
 def _weigh_by_start(
     series: Series, detected: PointChanges, starts: list[int], last: int
 ) -> dict[bool, F64]:
-    """(k,) log of the ratio of a change from each of *starts* on, sudden and gradual."""
+    """Return the log ratio (k,) of a change from each of *starts* on, sudden and gradual."""
     rows = _select_until(series, detected, last)
     out = {}
     for gradual, sizes, share in (
@@ -105,14 +107,15 @@ def _compute_statistic(series: Series, detected: PointChanges, row: int) -> floa
 
 
 def _explain(series: Series, detected: PointChanges, row: int) -> tuple[int, PointChange | None]:
-    """The bad check that an alarm at *row* was, or the change."""
+    """Explain an alarm at *row* by a bad check, whose index is returned, or by a change."""
     last = min(series.n - 1, row + LATER_CHECKS)
     starts = _list_starts(detected, row)
     change = {
         gradual: ratios + math.log(CHANGE_SHARE)
         for gradual, ratios in _weigh_by_start(series, detected, starts, last).items()
     }
-    # The last check alone may be either: a change, until one comes after it.
+    # If the alarm comes from the last check, it may be either; it counts as a change until another
+    # check follows.
     bad_candidates = [i for i in starts if i < last]
     bad = np.full(1, -np.inf)
     if bad_candidates:

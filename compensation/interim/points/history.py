@@ -1,4 +1,4 @@
-"""A history whose checks are tables of points: kept as sessions are, with what was touched.
+"""A history whose checks are tables of points; it is kept like one of sessions, with the artefacts.
 
 checks/STARTED-NAME/     the table as it was written
 artefacts/               the artefacts' files, by their hash
@@ -32,17 +32,18 @@ from armd.files.schema import load_toml
 
 @dataclass(frozen=True)
 class NewTable:
-    """A table that was read, and when it was measured."""
+    """A table that was read, with the dates of its measurement."""
 
     path: Path
     points: PointTable
     dated: CheckDate
     remarks: list[str]
-    by_file: bool  # dated by the file's last change
+    by_file: bool  # whether it is dated by the file's last change
 
 
 def read_tables(paths: Sequence[str], started_unix_s: float | None) -> list[NewTable]:
-    """Tables of checks; *started_unix_s* is the instant of the first point of one alone.
+    """Read the tables of checks; *started_unix_s* is the instant of the first point of a single
+    table.
 
     Without it the instant is the table's first date, or else the file's last change. Raises
     `BadInput`.
@@ -76,7 +77,7 @@ def _read(path: Path, started_unix_s: float | None) -> NewTable:
 def keep_tables(
     folder: Path, count: int, new: Sequence[NewTable], artefact: Path, tip_radius_mm: float
 ) -> None:
-    """Keep checks behind the *count* that *folder* has; the history is locked."""
+    """Append checks to the *count* checks in *folder*; the caller has locked the history."""
     data = read_input(artefact)
     sha256 = hashlib.sha256(data).hexdigest()
     new_lines = []
@@ -99,7 +100,7 @@ def keep_tables(
 
 
 def load_checks(folder: Path) -> list[PointCheck]:
-    """All checks in order of time; raises `BadInput` where the history is damaged."""
+    """Load all checks in order of time; raises `BadInput` where the history is damaged."""
     lines = read_lines(folder, PointsLine).lines
     if not lines:
         raise BadInput(folder, "the history", "no checks", "some: armd interim add keeps them")

@@ -1,4 +1,4 @@
-"""A history of tables of points, judged: epochs, their figures over time, and the changes."""
+"""Judges a history of tables of points: epochs, their figures over time, and the changes."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from armd.compensation.interim.points.evidence import ChangeSize, Series, fit_ch
 from armd.compensation.interim.points.figures import PointCheck
 from armd.compensation.interim.points.find import PointChange, PointChanges, find_changes
 
-#: A reading's own noise is no smaller, µm.
+#: The lower bound of a reading's noise, µm.
 LEAST_UM = 0.1
-#: The 2/3 power of a standard deviation is near normally distributed (Wilson and Hilferty, PNAS 17,
-#: 1931), the deviation itself is not.
+#: The 2/3 power of a standard deviation is nearly normally distributed (Wilson and Hilferty, PNAS
+#: 17, 1931), the deviation itself is not.
 POWER = 2.0 / 3.0
 CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
 class Moved:
-    """How far a change moved one figure."""
+    """The shift of one figure by a change."""
 
     name: str
     before_um: float  # mean of the good checks before it
@@ -37,29 +37,31 @@ class Moved:
 
 @dataclass(frozen=True)
 class PointEpoch:
-    """Checks on one artefact, and what they show."""
+    """Checks on one artefact with one tip, and their changes."""
 
     checks: tuple[PointCheck, ...]
     names: tuple[str, ...]  # of the figures
     value_um: F64  # (n, J); NaN where a check does not have a figure
     detected: PointChanges
-    moved: tuple[tuple[Moved, ...], ...]  # of each change, the surest figure first
+    moved: tuple[tuple[Moved, ...], ...]  # for each change, the most significant figure first
 
     def verdict(self, index: int) -> str:
-        """Of one check, as the contract names it."""
+        """Return the verdict on one check, in the contract's words."""
         if index in self.detected.bad:
             return "bad_check"
         changed = any(index >= course.first for course in self.detected.courses)
         return "changed" if changed else "in_control"
 
     def between_unix_s(self, change: PointChange) -> tuple[float, float]:
-        """The instants between which a change happened, 95 %."""
+        """Return the 95 % interval of a change, in seconds of Unix time."""
         before = [i for i in range(change.earliest) if i not in self.detected.bad]
         return self.checks[before[-1]].last_unix_s, self.checks[change.latest].first_unix_s
 
 
 def judge_points(checks: Sequence[PointCheck]) -> list[PointEpoch]:
-    """The epochs of *checks*, which are in order of time, by their latest check."""
+    """Judge the epochs of *checks*, which are in order of time; they are ordered by their latest
+    check.
+    """
     ordered = sorted(checks, key=lambda check: check.epoch)
     groups = [tuple(group) for _, group in groupby(ordered, key=lambda check: check.epoch)]
     epochs = [_judge_epoch(group) for group in groups]
@@ -131,7 +133,11 @@ def _list_moved(
 def _to_um(
     change_size: ChangeSize, j: int, before: F64, spread: bool
 ) -> tuple[float, float, float, float, bool]:
-    """Mean before, change, its standard uncertainty, half of its interval; whether it is sure."""
+    """Convert a change to µm.
+
+    Returns the mean before, the change, its standard uncertainty, half of its interval, and whether
+    it is significant.
+    """
     level, value, deviation = (
         float(np.nanmean(before)),
         float(change_size.value[j]),

@@ -1,4 +1,4 @@
-"""A history of tables of points as one HTML page: the statistic, and every figure over time."""
+"""The HTML page of a history of tables of points: the statistic, and every figure over time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def render_points_page(
     result: dict[str, Any],
     about: About | None = None,
 ) -> str:
-    """HTML text of the report of the history in *folder*."""
+    """Render the report of the history in *folder* as HTML text."""
     page = Page(f"Interim checks of points: {folder.resolve().name}")
     first, *further_sentences = describe_points(epochs)
     changed = result["state"] == "changed"

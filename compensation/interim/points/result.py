@@ -1,4 +1,6 @@
-"""What a history of tables of points says, as JSON (the form of `armd interim`) and in words."""
+"""The result of a history of tables of points, as JSON (the form of `armd interim`) and
+in words.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +21,16 @@ CONFIRM = (
     "the same check again, which confirms it; after a repair or a new calibration of the arm"
     " begin a history of its own (--history)"
 )
-#: Of a statistic.
+#: Decimals of a statistic.
 DECIMALS = 6
-#: So many figures of a change stand in its sentence.
+#: The most figures of a change in its sentence.
 IN_WORDS = 3
-#: Of fewer checks only large changes show.
+#: With fewer checks only large changes are detected.
 FIRST_CHECKS = 5
 
 
 def format_points(epochs: Sequence[PointEpoch]) -> dict[str, Any]:
-    """The whole result as plain data; the last epoch decides the state."""
+    """Format the whole result as plain data; the last epoch decides the state."""
     checks = sorted(
         ((epoch, i) for epoch in epochs for i in range(len(epoch.checks))),
         key=lambda pair: pair[0].checks[pair[1]].first_unix_s,
@@ -104,7 +106,7 @@ def _describe_change(
 
 
 def _reading(moved: Sequence[Moved]) -> str:
-    """By how much, in a sentence: what is sure, the surest first."""
+    """Describe the sizes of a change: the significant figures, the most significant first."""
     listed = [figure for figure in moved if figure.significant][:IN_WORDS] or list(moved[:1])
     sizes = ", ".join(
         f"{figure.name} by {format_plain(figure.change_um, sign='+')}"
@@ -116,7 +118,7 @@ def _reading(moved: Sequence[Moved]) -> str:
 
 
 def describe_points(epochs: Sequence[PointEpoch]) -> list[str]:
-    """What came of it, for the console and the page."""
+    """Describe the result in sentences, for the console and the page."""
     latest = epochs[-1]
     count = sum(len(epoch.checks) for epoch in epochs)
     last = latest.checks[-1]

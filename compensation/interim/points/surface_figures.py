@@ -1,4 +1,4 @@
-"""What points on spheres and planes say of an arm: size, form, and how far two faces are apart."""
+"""Figures of an arm from points on spheres and planes: size, form, and distances of two faces."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from armd.compensation.verify.touched import fit_parallel_planes
 
 Groups = dict[tuple[str, str], F64]  # (placement, target) → (n, 3) mm
 
-#: A sphere has four unknowns, a plane three: of fewer points too little is left for its form.
+#: The fewest points from which a form is computed; a sphere has four unknowns, a plane three.
 SPHERE_POINTS, PLANE_POINTS = 6, 5
 
 
 @dataclass(frozen=True)
 class PointFigure:
-    """A figure of one check. A spread is a standard deviation of *freedom* degrees of freedom."""
+    """A figure of one check; a spread is a standard deviation with *freedom* degrees of freedom."""
 
     name: str
     value_mm: float
     own_mm: float = math.nan  # its standard uncertainty from the scatter inside the check
-    freedom: int = 0  # of a spread alone
-    longest_mm: float = 0.0  # of a certified length: how long it is
+    freedom: int = 0  # only for a spread
+    longest_mm: float = 0.0  # for a certified length: the length
 
     @property
     def is_spread(self) -> bool:
@@ -37,7 +37,7 @@ class PointFigure:
 def compute_surface_figures(
     artefact: Artefact, groups: Groups, tip_radius_mm: float
 ) -> Iterator[PointFigure]:
-    """Figures of the artefact's surfaces by the points of each placement; of a cylinder none."""
+    """Compute figures of the artefact's spheres and planes from the points of each placement."""
     for surface in artefact.surfaces:
         for (placement, target), positions in groups.items():
             if target != surface.name:
@@ -57,7 +57,9 @@ def compute_surface_figures(
 def compute_sphere_figures(
     name: str, on: F64, diameter_mm: float, tip_radius_mm: float
 ) -> Iterator[PointFigure]:
-    """Size and form of a sphere by the tip's centre (n, 3) *on* it; none of too few points."""
+    """Compute size and form of a sphere from tip centres (n, 3) *on* it; none from too
+    few points.
+    """
     if len(on) < SPHERE_POINTS:
         return
     try:
@@ -77,7 +79,9 @@ def compute_sphere_figures(
 def _measure_blocks(
     artefact: Artefact, groups: Groups, tip_radius_mm: float
 ) -> Iterator[PointFigure]:
-    """Error of each certified length between two planes, touched from outside."""
+    """Measure the error of each certified length between two planes that were touched
+    from outside.
+    """
     kinds = artefact.surface_kinds
     for distance in artefact.distances:
         first, second = distance.between

@@ -1,1 +1,1 @@
-"""Measurements corrected again, and the page of it for the quality file."""
+"""Re-correction of measurements, and its page for the quality file."""

@@ -1,5 +1,6 @@
-"""Which measurements a later calibration moves, and by how much at most they were off: for the
-quality file."""
+"""The quality file's page: which measurements a later calibration moves, and their
+largest error.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +16,15 @@ from armd.compensation.report.sessions import NOT_STATED
 from armd.terminal.counted import format_count
 
 MOST_ROWS = 200
-#: Two-sided 95 % of a normal distribution. An error in space whose three variances add up to s² is
-#: longer than 1.96 s with 5 % at most: with most, if all of it lies in one direction.
+#: Two-sided 95 % quantile of a normal distribution. A spatial error whose three variances add up to
+#: s² exceeds 1.96 s with a probability of at most 5 %. The maximum occurs if all variance is in one
+#: direction.
 AT_95 = 1.96
 
 
 @dataclass(frozen=True)
 class Impact:
-    """What recorrecting n measurements came to."""
+    """The result of recorrecting n measurements."""
 
     serial: str
     calibration_sha256: str
@@ -31,23 +33,23 @@ class Impact:
     distance_mm: F64  # (n,) NaN where the old or the new position is not known
     uncertainty_mm: F64  # (n,) of the new positions, standard, 3-D; NaN where not known
     tolerance_mm: float | None
-    calibrations_before: Sequence[str | None] = ()  # (n,) first digits of what they were under
+    calibrations_before: Sequence[str | None] = ()  # (n,) first digits of their old calibrations
 
     @property
     def at_most_mm(self) -> F64:
-        """(n,) how far the old position was off at most, with 95 %; NaN where not known."""
+        """The 95 % upper limit of the old positions' errors (n,); NaN where it is unknown."""
         bound: F64 = self.distance_mm + AT_95 * self.uncertainty_mm
         return bound
 
     @property
     def matter(self) -> Mask:
-        """(n,) whether a measurement moves by more than the tolerance."""
+        """A mask (n,) of the measurements that move by more than the tolerance."""
         beyond: Mask = self.distance_mm > self._limit_mm
         return beyond
 
     @property
     def may_matter(self) -> Mask:
-        """(n,) whether it moves by less, and may have been off by more all the same."""
+        """A mask (n,) of those that move by less, but may have been off by more."""
         beyond: Mask = ~self.matter & (self.at_most_mm > self._limit_mm)
         return beyond
 
@@ -56,7 +58,7 @@ class Impact:
         return np.inf if self.tolerance_mm is None else self.tolerance_mm
 
     def headline(self) -> tuple[str, bool | None]:
-        """What it comes to in a few words, and whether that is good; None: not to be said."""
+        """Return the result in a few words, and whether it is good; None if it is not judged."""
         count = len(self.distance_mm)
         if self.tolerance_mm is None:
             return "NOT JUDGED: NO TOLERANCE", None
@@ -67,7 +69,7 @@ class Impact:
                 f"{doubtful} OF {format_count(count, 'measurement').upper()} MAY BE AFFECTED",
                 False,
             )
-        # Without its uncertainty no measurement is known to have been within the tolerance.
+        # A measurement without an uncertainty is not known to have been within the tolerance.
         has_uncertainties = bool(np.isfinite(self.at_most_mm).all())
         return (
             f"NONE OF {format_count(count, 'measurement').upper()} AFFECTED",
@@ -75,7 +77,7 @@ class Impact:
         )
 
     def in_words(self) -> str:
-        """One sentence for the console and the page."""
+        """Describe the result in one sentence for the console and the page."""
         distances_mm = self.distance_mm[np.isfinite(self.distance_mm)]
         words = [format_count(len(self.distance_mm), "measurement")]
         if len(distances_mm):
@@ -99,8 +101,11 @@ def render_quality_page(
     operator: str | None,
     celsius: Sequence[float],
 ) -> str:
-    """The page; *inputs* are names and their SHA-256, *left_out* sentences; *operator* is who
-    corrects again, None: not stated; *celsius* are the arm's temperatures in the measurements."""
+    """Render the page as HTML text.
+
+    *inputs* are names and their SHA-256, *left_out* sentences. *operator* is the person who
+    corrects again (None: not stated). *celsius* are the arm's temperatures in the measurements.
+    """
     page = Page(f"Measurements corrected again: {change.serial}")
     word, good = change.headline()
     page.add_verdict(word, f"{change.in_words()}.", good)
@@ -151,7 +156,10 @@ def _write_rule(tolerance_mm: float | None) -> str:
 
 
 def _add_affected(page: Page, change: Impact) -> None:
-    """The measurements that matter, or may; without a tolerance all of them, the worst first."""
+    """Add a table of the measurements that are or may be affected, the worst first.
+
+    Without a tolerance it lists all measurements with an old and a new position.
+    """
     if change.tolerance_mm is None:
         page.add_heading("Measurements affected")
         rows = np.flatnonzero(np.isfinite(change.distance_mm))

@@ -1,7 +1,7 @@
-"""Measurements corrected again: from their stored angles and temperatures, by another calibration.
+"""Re-correction of measurements from their stored angles and temperatures, by another calibration.
 
-A measurement's angles are means over its points, as its position is; the model is straight over so
-short a stretch. Lags follow the temperatures from one measurement to the next.
+A measurement's angles are means over its points, like its position; over such a short path the
+model is linear. Lags follow the temperatures from one measurement to the next.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from armd.compensation.model.state import States
 
 @dataclass(frozen=True)
 class Recorrected:
-    """What a calibration makes of n measurements."""
+    """The positions of n measurements under a calibration."""
 
     position_mm: F64  # (n, 3) tip, base frame; NaN where an angle or a temperature is missing
     uncertainty_mm: F64  # (n, 3) standard; NaN where the calibration states none
@@ -31,7 +31,7 @@ class Recorrected:
 
 
 def correct_again(arm: Arm, calibration: LoadedCalibration, states: States) -> Recorrected:
-    """Positions of *states* under *calibration*, with what must be said of each."""
+    """Compute the positions of *states* under *calibration*, with uncertainties and flags."""
     content = calibration.content
     model = Model(arm, calibration)
     possible_c = states.temperature_c.astype(np.float64)
@@ -52,7 +52,7 @@ def correct_again(arm: Arm, calibration: LoadedCalibration, states: States) -> R
     low, high = np.array(ranges).reshape(-1, 2).T
     celsius = states.temperature_c[:, columns]
     outside = ((celsius < low) | (celsius > high)).any(axis=1)
-    for since, until in model.periods_unix_s:  # beyond them terms are held
+    for since, until in model.periods_unix_s:  # outside them terms are constant
         outside |= (states.time_s < since) | (states.time_s > until)
     flags = np.zeros(states.n, np.uint32)
     flags[invalid] |= int(Flag.INVALID)

@@ -1,1 +1,1 @@
-"""The report of a history: result, page, repaired calibration, next check."""
+"""The report of a history: result, page, corrected calibration, next check."""

@@ -1,4 +1,4 @@
-"""From changes to amplitudes, and to a calibration that has them."""
+"""Amplitudes of the changes, and a calibration that contains them."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from armd.compensation.model.slow_factors import DAY_S, After, Time
 from armd.compensation.model.terms import Factor, Term
 
 HOUR_S = 3600.0
-#: Of an effect's largest term.
+#: Smaller terms are dropped; a share of the effect's largest term.
 NEGLIGIBLE = 1e-9
 
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """Of all changes together, in the columns' own units (growths: per 30 days)."""
+    """Amplitudes of all changes together, in the columns' own units (growths: per 30 days)."""
 
     values: tuple[F64, ...]  # per change (1 + bends, p)
     covariance: F64  # of all of them, flattened in this order
@@ -48,11 +48,12 @@ def fit(
     bad: Sequence[int],
     told_by: ExtendedSums | None = None,
 ) -> Amplitudes:
-    """Amplitudes of all named *changes* at once, beside what is wrong all along, *told by* the
-    checks that tell of them.
+    """Fit the amplitudes of all named *changes* together, with the known errors as nuisances.
 
-    How far a cause has moved is the difference of after and before: what it was before may be as
-    large as anything that is wrong all along, whatever the others are (decision 30).
+    The checks are those of *told_by*, by default all that determine the changes
+    (`list_telling_checks`). The shift of a cause is the difference between after and before. Its
+    size before may be as large as that of any standing error, whatever the size of the others
+    (decision 30).
     """
     moved_columns = sorted(
         {
@@ -74,7 +75,8 @@ def fit(
         )
     )
     sizes = _compute_sizes(causes, changes)
-    # The columns' sign: a residual is what the arm shows too much under the calibration.
+    # The sign is reversed: a residual is the position under the calibration minus that of the
+    # target.
     values = -estimate.mean[q:] * sizes
     cov = estimate.scale * estimate.covariance[q:, q:] * np.outer(sizes, sizes)
     split, position = [], 0
@@ -89,8 +91,11 @@ def fit(
 
 
 def list_telling_checks(stacked: Stack, changes: Sequence[Change], bad: Sequence[int]) -> list[int]:
-    """The checks that tell of *changes*: what comes with one of no cause belongs to nothing
-    known."""
+    """List the good checks that determine *changes*.
+
+    Checks from the first change without a cause on are excluded, because their deviations have no
+    model.
+    """
     until = min((change.first for change in changes if change.cause is None), default=stacked.n)
     return [i for i in range(until) if i not in bad]
 
@@ -100,7 +105,9 @@ def _list_columns(stacked: Stack, cause: int) -> range:
 
 
 def _compute_sizes(causes: Sequence[Cause], changes: Sequence[Change]) -> F64:
-    """Units of the changes' unknowns in the columns' own units."""
+    """Return the prior standard deviations of the changes' amplitudes, in the columns'
+    own units.
+    """
     sizes = []
     for change in changes:
         if change.cause is None:
@@ -111,7 +118,7 @@ def _compute_sizes(causes: Sequence[Cause], changes: Sequence[Change]) -> F64:
 
 
 def compute_final_size(stacked: Stack, change: Change, amplitudes: F64) -> F64:
-    """(p,) how large a change is at the last check."""
+    """Return the size (p,) of a change at the last check."""
     end: F64 = compute_shapes(stacked, change)[-1] @ amplitudes
     return end
 
@@ -126,10 +133,13 @@ def extend_calibration(
     until_unix_s: float,
     provenance: dict[str, object],
 ) -> Calibration:
-    """The *calibration* with all named *changes*, each from its instant on; a growth goes on until
-    the last check, *until_unix_s*, and is held beyond. What two of them do alike is one term."""
+    """Return the *calibration* with all named *changes*, each from its instant on.
+
+    A growth continues until the last check, *until_unix_s*, and is constant afterwards. Terms with
+    equal parameter and basis are joined into one.
+    """
     terms = list(calibration.terms)
-    rows: dict[str, F64] = {}  # by term: how it follows from the amplitudes
+    rows: dict[str, F64] = {}  # by term: its derivatives by the amplitudes
     places: dict[str, int] = {}
     width = len(amplitudes.covariance)
     for index, (change, instant) in enumerate(zip(changes, instants_unix_s, strict=True)):
@@ -176,7 +186,7 @@ def extend_calibration(
     created = datetime.datetime.fromtimestamp(until_unix_s, datetime.UTC)
     return calibration.model_copy(
         update={
-            # As of the last check: the same checks make the same file.
+            # The date of the last check, so that the same checks make the same file.
             "created": created.isoformat(timespec="seconds"),
             "terms": terms,
             "covariance_of": [*calibration.covariance_of, *rows],

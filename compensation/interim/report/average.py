@@ -1,12 +1,12 @@
-"""What has changed, averaged over the scenarios in which it may have been.
+"""The average of a change over the scenarios in which it may have been.
 
-Of several causes that the checks cannot tell apart the likeliest is wrong too often to correct by
-it alone. Of all corrections the mean over what is possible has the least expected square error
-(Bayes), and its variance is the mean of each scenario's own plus the spread between them:
+If the checks cannot separate several causes, the likeliest one is wrong too often to correct for it
+alone. Of all corrections the mean over the scenarios has the least expected square error (Bayes).
+Its variance is the mean of each scenario's own plus the spread between them:
 
     m = Σ w·μ,   C = Σ w·(V + μ·μᵀ) − m·mᵀ
 
-over the amplitudes of all scenarios side by side, those that one does not have being zero in it.
+over the amplitudes of all scenarios side by side; amplitudes that a scenario lacks are zero in it.
 """
 
 from __future__ import annotations
@@ -23,34 +23,34 @@ from armd.compensation.interim.evidence.extended_sums import ExtendedSums
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.report.amend import Amplitudes, fit, list_telling_checks
 
-#: A calibration file has a covariance of so many rows at most: a file of more than 100 000 values
-#: is refused (`armd.files.schema`).
+#: The most rows of a calibration file's covariance: a file of more than 100 000 values is refused
+#: (`armd.files.schema`).
 MOST_ROWS = 300
 
 
 @dataclass(frozen=True)
 class Averaged:
-    """Everything that changes may have been, side by side."""
+    """All alternatives of the changes, side by side."""
 
     changes: tuple[Change, ...]
-    of_change: tuple[int, ...]  # which change in order of onset each may have been, ascending
+    of_change: tuple[int, ...]  # index of the change that each may be, ascending
     shares: tuple[float, ...]
     amplitudes: Amplitudes  # of all of them; mean and covariance over the scenarios
 
     def count_until(self, index: int) -> int:
-        """How many of them belong to the changes up to *index*."""
+        """Count the alternatives that belong to the changes up to *index*."""
         return sum(number <= index for number in self.of_change)
 
 
 def choose_affordable(
     scenarios: Sequence[ChangeScenario], causes: Sequence[Cause], rows: int
 ) -> list[ChangeScenario]:
-    """The likeliest of *scenarios* that a calibration whose covariance has so many *rows* can hold,
-    beside as many again in the epochs to come; their shares add up to 1.
+    """Choose the likeliest of *scenarios* that fit into a calibration; their shares add up to 1.
 
-    A growth of unsure course in doubtful months has a term for each bend of each cause. While not
-    all scenarios have room, growths of many bends get half as many. If the likeliest scenario alone
-    still has too many, its growths go straight.
+    Its covariance has *rows* already, and as many free rows are reserved for later epochs. A growth
+    of uncertain course over many months has a term for each bend of each cause. While not all
+    scenarios fit, growths with many bends get half as many. If the likeliest scenario alone still
+    has too many terms, all its growths lose their bends.
     """
     max_terms = (MOST_ROWS - rows) // 2
     ordered = sorted(scenarios, key=lambda scenario: -scenario[0])
@@ -72,15 +72,17 @@ def choose_affordable(
 
 
 def _has_bend(changes: Sequence[Change]) -> bool:
-    """Whether a growth has so many bends that half of them may be enough."""
+    """Return whether a growth has so many bends that half of them may be enough."""
     return any(len(change.bends_d) > FEW_BENDS for change in changes)
 
 
 def _select_fitting(
     ordered: Sequence[ChangeScenario], causes: Sequence[Cause], max_terms: int
 ) -> tuple[list[ChangeScenario], int]:
-    """The first scenarios, one at least, that together have no more than *max_terms* terms, and
-    the number of their terms."""
+    """Select the first scenarios, one at least, that have at most *max_terms* terms together.
+
+    Returns them and the number of their terms.
+    """
     chosen: list[ChangeScenario] = []
     terms: set[tuple[object, ...]] = set()
     for share, changes in ordered:
@@ -93,7 +95,9 @@ def _select_fitting(
 
 
 def _list_terms(change: Change, causes: Sequence[Cause]) -> set[tuple[object, ...]]:
-    """What a calibration has of a change: terms of its columns, each since every instant."""
+    """List the terms that a change adds to a calibration: those of its columns, from each instant
+    on.
+    """
     if change.cause is None:
         return set()
     since = (change.origin_d, *change.bends_d) if change.gradual else (change.first,)
@@ -108,8 +112,10 @@ def _list_terms(change: Change, causes: Sequence[Cause]) -> set[tuple[object, ..
 def compute_average(
     stacked: Stack, causes: Sequence[Cause], scenarios: Sequence[ChangeScenario], bad: Sequence[int]
 ) -> Averaged:
-    """Mean and covariance of the amplitudes over *scenarios*, whose shares add up to 1; a change of
-    no cause is the same in all."""
+    """Average the amplitudes over *scenarios*, whose shares add up to 1.
+
+    Returns their mean and covariance. A change without a cause is the same in all scenarios.
+    """
     distinct: dict[tuple[object, ...], tuple[int, Change]] = {}
     shares: dict[tuple[object, ...], float] = {}
     for share, changes in scenarios:
@@ -149,5 +155,5 @@ def compute_average(
 
 
 def _make_key(number: int, change: Change) -> tuple[object, ...]:
-    """The same change by another size is the same column."""
+    """Make the key of a change; changes that differ in size only share their column."""
     return number, *change.key, change.origin_d if change.gradual else None, change.bends_d

@@ -1,16 +1,16 @@
-"""How well a check that is not made yet would tell what a change was.
+"""Predicts how well a future check would determine the cause of a change.
 
-Each scenario predicts the check's numbers, by all checks so far: a mean, and a covariance of what
-they leave open, in units of the noise as they found it. Poses are chosen by the likeliest scenario
-of each cause: two of them overlap by Bhattacharyya's coefficient exp(−B), and the sum of it over
-all pairs is never below the chance that the likeliest of these scenarios is wrong afterwards:
+Each scenario predicts the check's numbers from all checks so far: a mean, and a covariance of the
+remaining uncertainty, in units of the estimated noise. Poses are chosen by the likeliest scenario
+of each cause. Two of them overlap by Bhattacharyya's coefficient exp(−B). Its sum over all pairs is
+never below the probability that the likeliest of these scenarios is wrong afterwards:
 
     Σ √(pᵢ·pⱼ)·exp(−Bᵢⱼ),   B = Δᵀ S⁻¹ Δ / 8 + ½ ln(|S| / √(|Sᵢ|·|Sⱼ|)),   S = (Sᵢ + Sⱼ) / 2
 
-(T. Kailath, IEEE Trans. Commun. Technol. 15, 1967), the criterion of a diagnosis' design
-(`design/criterion.py`) where the covariances differ, too. The chance that is reported is of all
-scenarios, not of these alone: a cause that began on another day, at another size, is still that
-cause.
+(T. Kailath, IEEE Trans. Commun. Technol. 15, 1967). This is the criterion of a diagnosis' design
+(`design/criterion.py`), extended to unequal covariances. The probability that is reported is over
+all scenarios, not over these alone: a cause that began on another day, or at another size, is still
+the same cause.
 """
 
 from __future__ import annotations
@@ -29,23 +29,24 @@ from armd.compensation.interim.evidence.extended_sums import ExtendedSums
 from armd.compensation.interim.evidence.likelihood import estimate_known_errors
 from armd.compensation.interim.evidence.stack import Stack
 
-#: Where a new seat stands is not known, mm: farther off than any change moves it.
+#: The prior standard deviation of a new seat's position, mm: larger than any change.
 SEAT_MM = 1.0
-#: Causes less likely than this play no part, nor do any but so many.
+#: Causes less likely than this are ignored, and so are all but this many.
 LEAST_SHARE, MOST = 0.01, 6
-#: Checks drawn for the chance to be wrong: of all scenarios together, and of each at least.
+#: Random checks for the probability of a wrong cause: of all scenarios together, and the least of
+#: each.
 DRAWS, LEAST_DRAWS = 4000, 10
 
 
 @dataclass(frozen=True)
 class PredictedCheck:
-    """What H scenarios predict of one check's r numbers."""
+    """The predictions of one check's r numbers by H scenarios."""
 
     mean: F64  # (H, r)
     covariance: F64  # (H, r, r)
 
     def rows(self, chosen: I64) -> PredictedCheck:
-        """Of some of the numbers (…, s): (…, H, s) and (…, H, s, s)."""
+        """Select some of the numbers (…, s): mean (…, H, s) and covariance (…, H, s, s)."""
         mean = np.moveaxis(self.mean[:, chosen], 0, -2)
         block = self.covariance[:, chosen[..., :, None], chosen[..., None, :]]
         return PredictedCheck(mean, np.moveaxis(block, 0, -3))
@@ -54,8 +55,10 @@ class PredictedCheck:
 def group_by_place(
     scenarios: Sequence[ChangeScenario], causes: Sequence[Cause], index: int
 ) -> tuple[F64, list[tuple[Change, ...]]]:
-    """What change number *index* may have been: the share (H,) of each cause at its place, and the
-    likeliest scenario of it."""
+    """Group the scenarios by the cause and place of change number *index*.
+
+    Returns the share (H,) of each cause at its place, and its likeliest scenario.
+    """
     share: dict[tuple[str, str], float] = {}
     likeliest: dict[tuple[str, str], ChangeScenario] = {}
     for scenario in scenarios:
@@ -76,11 +79,11 @@ def list_all_scenarios(
     index: int,
     probability_of: Mapping[tuple[str, str], float],
 ) -> tuple[F64, I64, list[tuple[Change, ...]]]:
-    """Every scenario: its share (W,), which cause and place of change number *index* it has (W,),
-    and its changes.
+    """List every scenario: its share (W,), its cause and place (W,) of change *index*, its changes.
 
-    Only the likeliest scenarios are kept, of a doubtful change perhaps half. So those of each cause
-    share the probability of *probability_of*; what they leave of 1 is of causes without any.
+    Only the likeliest scenarios were kept, of a doubtful change perhaps half. So those of each
+    cause share the probability of *probability_of*. The remainder to 1 belongs to causes without a
+    scenario.
     """
     places = list(probability_of)
     listed_share: dict[tuple[str, str], float] = {}
@@ -107,7 +110,7 @@ def predict_checks(
     measured: Sequence[int],
     ahead: Sequence[int],
 ) -> list[PredictedCheck]:
-    """What each of *scenarios* predicts of each check *ahead*, by those *measured*."""
+    """Predict each check *ahead* under each of *scenarios*, from the checks *measured*."""
     means: list[list[F64]] = [[] for _ in ahead]
     covariances: list[list[F64]] = [[] for _ in ahead]
     told_by = ExtendedSums(stacked, measured)
@@ -125,7 +128,10 @@ def predict_checks(
 
 
 def compute_overlap(share: F64, predicted: PredictedCheck) -> F64:
-    """The sum (…) over pairs of the lines at the top: never below the chance to be wrong."""
+    """Compute the sum over pairs (…) that bounds the probability of a wrong cause from above.
+
+    See the formula of the module.
+    """
     spread = np.linalg.slogdet(predicted.covariance)[1]
     total = np.zeros(predicted.mean.shape[:-2])
     for i, j in combinations(range(len(share)), 2):
@@ -142,9 +148,11 @@ def compute_overlap(share: F64, predicted: PredictedCheck) -> F64:
 
 
 def estimate_chance_wrong(share: F64, of_scenario: I64, predicted: PredictedCheck) -> float:
-    """The chance that the likeliest cause is the wrong one after a check, from checks drawn:
-    scenarios of *share* (W,), each of the cause that *of_scenario* (W,) numbers. Where the shares
-    leave some of 1, the likeliest of them is wrong."""
+    """Estimate the probability that the likeliest cause is wrong after a check, from random checks.
+
+    The scenarios have the shares *share* (W,) and the causes numbered by *of_scenario* (W,). The
+    remainder of the shares to 1 counts as wrong.
+    """
     rng = np.random.default_rng(0)
     factors = np.linalg.cholesky(predicted.covariance)
     spread = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
@@ -165,8 +173,10 @@ def estimate_chance_wrong(share: F64, of_scenario: I64, predicted: PredictedChec
 def choose_best_poses(
     share: F64, predicted: PredictedCheck, pools: Sequence[I64], count: int
 ) -> tuple[list[int], float]:
-    """*count* poses, three numbers each, from each of *pools* in turn, chosen one after another so
-    that the overlap falls most; and that overlap."""
+    """Choose *count* poses, three numbers each, one after another so that the overlap falls most.
+
+    They come from each of *pools* in turn. Returns the poses and the overlap.
+    """
     chosen: list[int] = []
     lowest = np.inf
     for number in range(count):
@@ -180,6 +190,6 @@ def choose_best_poses(
 
 
 def list_numbers(poses: I64) -> I64:
-    """(…, 3 s) the numbers of poses (…, s)."""
+    """List the numbers (…, 3 s) of poses (…, s)."""
     rows: I64 = (3 * poses[..., None] + np.arange(3)).reshape(*poses.shape[:-1], -1)
     return rows

@@ -1,4 +1,4 @@
-"""How the links grow, where the calibration could not know it: by all good checks together."""
+"""The expansion of links that the calibration leaves unknown, estimated from all good checks."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ from armd.compensation.interim.report.amend import list_telling_checks
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
-#: The growth of all links together is reported where no growth would look so in so few histories.
+#: The growth of all links together is reported if links without growth would look so in at most
+#: this share of histories.
 ALPHA = 1e-3
-#: Standard uncertainties of a 95 % interval.
+#: Half the width of a 95 % interval, in standard uncertainties.
 SURE = 1.96
 
 
 @dataclass(frozen=True)
 class LinkGrowth:
-    """How much a link expands, 1/K."""
+    """The expansion of a link, 1/K."""
 
     location: str
     per_k: float
@@ -43,11 +44,11 @@ class LinkGrowth:
 
 @dataclass(frozen=True)
 class FittedGrowth:
-    """What the good checks of an epoch say of the growth."""
+    """The expansion of the links, from the good checks of an epoch."""
 
     links: tuple[LinkGrowth, ...]  # those whose interval excludes zero; all, if none does
     separable: bool  # whether any does
-    heldout_um: tuple[float, float]  # each check by the others: without and with the growth
+    heldout_um: tuple[float, float]  # RMS with checks held out in turn: without and with the growth
     made_within_k: float
     calibration: Calibration  # with the growth
 
@@ -56,8 +57,10 @@ def find_growth(
     checks: Sequence[Check], stacked: Stack, causes: Sequence[Cause], changes: Sequence[Change],
     bad: Sequence[int],
 ) -> FittedGrowth | None:  # fmt: skip
-    """The growth of the links beside *changes*, by the checks that are not *bad*; `None` where the
-    calibration knows it, or the checks do not distinguish it from zero."""
+    """Find the growth of the links in addition to *changes*, from the checks that are not *bad*.
+
+    Returns None where the calibration contains it, or the checks do not distinguish it from zero.
+    """
     arm, calibration = checks[0].arm, checks[0].calibration.content
     growth = list_open_growth(arm, calibration)
     good = list_telling_checks(stacked, changes, bad)
@@ -75,7 +78,8 @@ def find_growth(
     if statistic < chi2.isf(ALPHA, len(growth)):
         return None
     size = np.array([expansion.size for expansion in growth])
-    # The columns' sign: a residual is what the arm shows too much under the calibration.
+    # The sign is reversed: a residual is the position under the calibration minus that of the
+    # target.
     values, spread = -estimate.mean[q] * size, covariance * np.outer(size, size)
     links = _sum_by_link(growth, values, spread, calibration, arm)
     significant = tuple(link for link in links if link.is_significant)
@@ -110,7 +114,10 @@ def _fit(
 def _compute_left_share(
     stacked: Stack, growth: Sequence[F64], changes: Sequence[F64], good: Sequence[int]
 ) -> float:
-    """Of the whitened residuals, what the growth known by the other checks leaves of each."""
+    """Return the held-out RMS with the growth, as a share of that without.
+
+    The growth is estimated without each check in turn; residuals are whitened.
+    """
     before, after = 0.0, 0.0
     start = stacked.error_columns[0].shape[1]
     for i in good:
@@ -124,8 +131,10 @@ def _compute_left_share(
 def _sum_by_link(
     growth: Sequence[OpenGrowth], values: F64, spread: F64, calibration: Calibration, arm: Arm
 ) -> tuple[LinkGrowth, ...]:
-    """Of each link the mean of its lengths' growth, per mm, weighted by their squares; the last
-    link and the stylus are one."""
+    """Average the growth of each link's lengths, per mm, weighted by their squares.
+
+    The last link and the stylus count as one link.
+    """
     lengths: dict[int, list[int]] = {}
     lever = dict(zip(("tip_x", "tip_y", "tip_z"), map(float, get_last_lever_mm(arm)), strict=True))
     length_mm: dict[str, float] = {**calibration.constants, **lever}
@@ -149,8 +158,11 @@ def add_growth(
     spread: F64,
     checks: Sequence[Reduced],
 ) -> Calibration:
-    """The *calibration* with growths of *values* (m,) mm per kelvin and covariance *spread*, as
-    long as it was at the temperatures that it was made at; good for those of *checks*, too."""
+    """Return the *calibration* with growths of *values* (m,) mm per kelvin and covariance *spread*.
+
+    The lengths at the calibration's own temperatures do not change. The temperature range is
+    widened by that of *checks*.
+    """
     constants, first = dict(calibration.constants), len(calibration.terms)
     names = list(calibration.covariance_of)
     terms = [

@@ -1,4 +1,4 @@
-"""The whole of `armd interim`: what a history of checks says of the arm."""
+"""The complete judgement of `armd interim` on the arm of a history of checks."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ from armd.compensation.model.calibration import Calibration
 
 
 def judge(checks: Sequence[Check], remembered: Remembered = NOTHING) -> Judgement:
-    """Judge *checks* in order of time, epoch by epoch; what is *remembered* of them is not watched
-    again."""
+    """Judge *checks* in order of time, epoch by epoch; what is *remembered* is not
+    watched again.
+    """
     with threadpool_limits(limits=1, user_api="blas"):
         ordered = sorted(checks, key=lambda check: check.epoch)
         groups = [tuple(group) for _, group in groupby(ordered, key=lambda check: check.epoch)]
@@ -52,7 +53,8 @@ def _judge_epoch(checks: tuple[Check, ...], before: EpochLooks) -> Epoch:
     reduced = [check.reduced for check in checks]
     stacked = fit_standing_share(join_checks(reduced, causes))
     detected = find(stacked, causes, before)
-    # What is there all along shows where neither changes nor bad checks are taken for it.
+    # The size of the standing errors is estimated again, given the changes and without the bad
+    # checks.
     good = [i for i in range(stacked.n) if i not in detected.bad]
     explained = add_known_changes(stacked, detected.changes).select_checks(good)
     stacked = stacked.rescale(fit_standing_share(explained).share / stacked.share)
@@ -86,7 +88,7 @@ def _report_change(
     every: Averaged,
     under: Calibration,
 ) -> ReportedChange:
-    """*under*: the calibration that a change is written into, with the growth of the links."""
+    """Report one change; *under* is the calibration that it is added to, with the links' growth."""
     change = detected.changes[index]
     reduced = [check.reduced for check in checks]
     interval = find_interval(reduced, stacked, change, detected.bad)
@@ -153,7 +155,7 @@ def _report_change(
 
 
 def _compute_shares(every: Averaged, causes: Sequence[Cause], index: int) -> list[dict[str, float]]:
-    """Of each change: causes at their places, and what share each has in the average."""
+    """Return, for each change, the share of each cause at its place in the average."""
     shares: list[dict[str, float]] = [{} for _ in range(index + 1)]
     for change, number, share in zip(every.changes, every.of_change, every.shares, strict=True):
         if change.cause is not None and number <= index:

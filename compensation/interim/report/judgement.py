@@ -1,4 +1,4 @@
-"""What a history of checks says of the arm, as values: changes, epochs, the judgement."""
+"""The judgement of a history of checks as values: changes, epochs, the judgement."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from armd.compensation.model.calibration import Calibration
 
 @dataclass(frozen=True, kw_only=True)
 class ReportedChange:
-    """One change as it is told."""
+    """One change as it is reported."""
 
     change: Change
     cause: Cause | None
     rivals: tuple[tuple[Cause, float], ...]
     between_unix_s: tuple[float, float]
-    instant_unix_s: float  # from when on the calibration has it
+    instant_unix_s: float  # from then on the calibration contains it
     values: F64  # (p,) at the last check, in the columns' units
     deviations: F64  # (p,) their standard uncertainties
     per_day: F64 | None  # (p,) of a growth, its mean rate
@@ -31,15 +31,15 @@ class ReportedChange:
 
 @dataclass(frozen=True)
 class Epoch:
-    """Checks under one calibration, and what they say."""
+    """Checks under one calibration and one description of the arm, with their results."""
 
     checks: tuple[Check, ...]
     stack: Stack
     causes: tuple[Cause, ...]
     detected: ChangesFound
     reported_changes: tuple[ReportedChange, ...]
-    scenarios: tuple[ChangeScenario, ...]  # in which all changes may have been
-    grown: FittedGrowth | None = None  # how the links grow, where the calibration could not know it
+    scenarios: tuple[ChangeScenario, ...]  # the possible histories of all changes
+    grown: FittedGrowth | None = None  # growth of the links, if the calibration lacks it
 
     def verdict(self, index: int) -> str:
         if index in self.detected.bad:
@@ -50,14 +50,14 @@ class Epoch:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a history says; the epoch of the latest check decides the state."""
+    """The judgement of a history; the epoch of the latest check decides the state."""
 
     epochs: tuple[Epoch, ...]
-    far_off: tuple[str, ...] = ()  # single readings, in words
+    far_off: tuple[str, ...] = ()  # single readings that are far off, in words
 
     @property
     def checks(self) -> list[Check]:
-        """Of all epochs, in time."""
+        """The checks of all epochs, in time."""
         checks = (check for epoch in self.epochs for check in epoch.checks)
         return sorted(checks, key=lambda check: check.line.first_unix_s)
 

@@ -1,4 +1,4 @@
-"""Which check to make tomorrow: poses on two seats that tell what a doubtful change was."""
+"""The plan of the next check: poses on two seats that determine the cause of a doubtful change."""
 
 from __future__ import annotations
 
@@ -31,19 +31,22 @@ from armd.compensation.model.slow_factors import DAY_S
 from armd.compensation.model.state import States
 from armd.compensation.wording import format_plain
 
-#: How many seats a check has, how many poses in all, and for how many of the best pairs of seats
-#: they are chosen one by one.
+#: The number of seats of a check, of poses in all, and of the best pairs of seats for which poses
+#: are chosen one by one.
 SEATS, POSES, TRIED = 2, 12, 3
-#: A cause this sure needs no check of its own.
+#: A cause of this probability needs no check of its own.
 SURE = 0.95
-#: A check that leaves more than this share of the usual one's chance to be wrong tells nothing.
+#: A planned check must reduce the probability of a wrong cause below this share of that after the
+#: usual check.
 LEFT = 0.9
 
 
 @dataclass(frozen=True)
 class AdvisedPoses:
-    """Poses, from seat to seat in turn, and the chance that the likeliest cause is wrong: now, and
-    as foretold after the usual check and after this one."""
+    """Poses on the seats in turn, with the probability that the likeliest cause is wrong.
+
+    It is stated now, and predicted after the usual check and after this one.
+    """
 
     seats_mm: F64  # (S, 3) base frame
     states: States
@@ -53,19 +56,21 @@ class AdvisedPoses:
 
     @property
     def approach(self) -> list[str]:
-        """Pose by pose: a sign for each joint, in which sense it turns before it comes to rest."""
+        """One string for each pose: the signs of the senses in which the joints turn before they
+        rest.
+        """
         return ["".join("+" if v > 0 else "-" for v in rate) for rate in self.states.rate]
 
 
 @dataclass(frozen=True)
 class NextCheck:
-    """The next check."""
+    """The next check: a sentence, and poses if any are advised."""
 
     sentence: str
     advised: AdvisedPoses | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """As the result has it."""
+        """Return the check as the result contains it."""
         entry: dict[str, Any] = {"sentence": self.sentence}
         entry |= {"seats_mm": [], "poses_deg": [], "approach": []}
         if self.advised is not None:
@@ -80,7 +85,7 @@ class NextCheck:
 
 
 def plan_next_check(judgement: Judgement) -> NextCheck:
-    """The check that settles the most doubtful change of the latest epoch."""
+    """Plan the check that settles the most doubtful change of the latest epoch."""
     if not judgement.changed:
         return NextCheck("the usual check, in other poses than today's")
     epoch = judgement.latest
@@ -100,8 +105,10 @@ def plan_next_check(judgement: Judgement) -> NextCheck:
 
 
 def plan_telling_check(epoch: Epoch, index: int) -> NextCheck | None:
-    """Poses on seats that tell what change number *index* was, if any do better than the usual
-    check."""
+    """Plan poses on seats that determine the cause of change number *index*.
+
+    Returns None if no poses do clearly better than the usual check.
+    """
     share, scenarios = group_by_place(epoch.scenarios, epoch.causes, index)
     last = epoch.checks[-1]
     arm, calibration = last.arm, last.calibration.content
@@ -111,7 +118,7 @@ def plan_telling_check(epoch: Epoch, index: int) -> NextCheck | None:
         return None
     checks = [check.reduced for check in epoch.checks]
     measured = list_telling_checks(epoch.stack, epoch.detected.changes, epoch.detected.bad)
-    again = checks[measured[-1]]  # its seats are projected out already
+    again = checks[measured[-1]]  # its seats are already projected out
     usual = replace(again, mean_unix_s=check_unix_s, targets=np.zeros((len(again.residual), 0)))
     every_pose = predict_check(plan, arm, calibration, epoch.causes)
     stacked = _stack_with(epoch, [*checks, every_pose])
@@ -158,7 +165,7 @@ def plan_telling_check(epoch: Epoch, index: int) -> NextCheck | None:
 
 
 def _stack_with(epoch: Epoch, checks: Sequence[Reduced]) -> Stack:
-    """*checks* stacked, what is wrong all along as large as in the epoch."""
+    """Stack *checks*, with standing errors as large as in the epoch."""
     stacked = join_checks(checks, epoch.causes)
     return stacked.rescale(epoch.stack.share / stacked.share)
 

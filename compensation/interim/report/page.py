@@ -1,4 +1,4 @@
-"""A history of checks as one HTML page: the statistic, the residuals, and each change over time."""
+"""The HTML page of a history of checks: the statistic, the residuals, and each change over time."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from armd.compensation.report.layout.units import Unit, choose_units
 from armd.compensation.report.sessions import add_session_facts
 from armd.compensation.wording import ARC_SECOND, format_minute, format_plain
 
-#: Of a check's files, what was measured.
+#: Those of a check's files that were measured.
 MEASURED = ("session.toml", *READINGS)
-#: Units as a person reads them: the name, and how many of them one unit of the model is.
+#: Units in the report: their names, and their number in one unit of the model.
 SHOWN = {"rad": ("″", 1 / ARC_SECOND), "mm": ("µm", 1e3), "rad/Nm": ("µrad/Nm", 1e6)}
 
 
@@ -38,7 +38,7 @@ def render_interim_page(
     sessions: Sequence[Session],
     about: About | None = None,
 ) -> str:
-    """HTML text of the report; *sessions* are the checks as they were measured, in time."""
+    """Render the report as HTML text; *sessions* are the checks as they were measured, in time."""
     arm = judgement.latest.checks[-1].arm
     page, unit = (
         Page(f"Interim checks of arm {result['arm']}", result["arm"]),
@@ -107,7 +107,7 @@ def render_interim_page(
 
 
 def _add_origin(page: Page, judgement: Judgement, result: dict[str, Any]) -> None:
-    """Every check's files, every description of the arm and every calibration, by their hashes."""
+    """Add the hashes of every check's files, every arm description and every calibration."""
     inputs: dict[str, str] = {}
     for check in judgement.checks:
         name, line = check.line.name, check.line
@@ -127,7 +127,7 @@ def _add_origin(page: Page, judgement: Judgement, result: dict[str, Any]) -> Non
 
 
 def _write_key_sentence(checks: Sequence[dict[str, Any]], unit: Unit) -> str:
-    """The last check that counts, in one figure."""
+    """Write a sentence with the residual RMS of the last and the first check that are not bad."""
     counts = [check for check in checks if check["verdict"] != "bad_check"] or checks
     last_mm, first_mm = (counts[i]["rms_um"] / 1e3 for i in (-1, 0))
     unit = unit.scale_to(last_mm, first_mm)
@@ -148,7 +148,7 @@ def _draw_residuals(checks: Sequence[dict[str, Any]], unit: Unit) -> Figure:
 
 
 def _draw_over_time(epoch: Epoch, reported: ReportedChange) -> Figure:
-    """A cause's amplitudes check by check, and the course that is told."""
+    """Draw a cause's amplitudes check by check, and the course that is reported."""
     figure, panel = make_single_figure()
     assert reported.change.cause is not None and reported.cause is not None
     moments = to_instants([check.line.started for check in epoch.checks])
@@ -181,7 +181,9 @@ def _draw_over_time(epoch: Epoch, reported: ReportedChange) -> Figure:
 
 
 def _list_by_check(epoch: Epoch, block: slice, j: int) -> tuple[F64, F64]:
-    """(n,) a column's amplitude in every check alone, in typical sizes, and its deviation."""
+    """Return a column's amplitude (n,) in every check by itself, in typical sizes, and its
+    deviation.
+    """
     values, spread = [], []
     for residual, columns in zip(epoch.stack.residual, epoch.stack.columns, strict=True):
         block_columns = columns[:, block]

@@ -1,4 +1,4 @@
-"""Checks that can be made: seats where a person can put them, and poses of the arm on each."""
+"""Possible checks: seats at places that a person can reach, and poses of the arm on each."""
 
 from __future__ import annotations
 
@@ -22,20 +22,21 @@ from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.state import States
 
-#: How many seats are tried, from how many poses each, and in how many the arm is on each.
+#: The number of seats that are tried, of random poses for each, and of poses that are kept for
+#: each.
 SEATS, DRAWN, POOL = 12, 480, 24
-#: A seat stands on the table or on something on it: so high over the base, and so far from the
-#: column, in shares of the arm's reach.
+#: A seat is on the table or on something on it: its height over the base, and its distance from the
+#: column, as shares of the arm's reach.
 HEIGHT, AWAY = (0.0, 0.5), (0.2, 0.8)
 #: Distance kept from every end stop, rad.
 MARGIN_RAD = np.radians(2.0)
-#: Steps of an arm's way to a seat, and how near is there, mm.
+#: Iterations to reach a seat, and the largest distance from it that is accepted, mm.
 STEPS, THERE_MM = 25, 0.5
 
 
 @dataclass(frozen=True)
 class PossibleCheck:
-    """Poses on seats that may be chosen from, each seat in the same number of them."""
+    """Possible poses on seats, the same number on each seat."""
 
     seats_mm: F64  # (S, 3) base frame
     states: States  # S × `POOL`, seat by seat
@@ -45,7 +46,7 @@ class PossibleCheck:
 
 
 def plan_check(arm: Arm, calibration: Calibration, at_unix_s: float) -> PossibleCheck:
-    """Seats that the arm reaches in enough poses, no part of it below its base."""
+    """List seats that the arm reaches in enough poses with no part of it below its base."""
     constants = calibration.vector(arm.n_joints)
     drawn = draw_poses(arm, calibration.reference_temperature_c, DRAWN, 21)
     drawn = replace(drawn, time_s=np.full(drawn.n, at_unix_s))
@@ -67,7 +68,7 @@ def plan_check(arm: Arm, calibration: Calibration, at_unix_s: float) -> Possible
 
 
 def _reach_seat(arm: Arm, constants: F64, seat: F64, drawn: States) -> States:
-    """Different poses with the tip on *seat* (3,)."""
+    """Compute different poses with the tip on *seat* (3,)."""
     parameters = np.tile(constants, (drawn.n, 1))
     q = drawn.q
     for _ in range(STEPS):
@@ -82,8 +83,10 @@ def _reach_seat(arm: Arm, constants: F64, seat: F64, drawn: States) -> States:
 def predict_check(
     plan: PossibleCheck, arm: Arm, calibration: Calibration, causes: Sequence[Cause]
 ) -> Reduced:
-    """What a check of all these poses would see, three rows for each; its seats are not projected
-    out."""
+    """Predict the reduction of a check of all these poses, three rows for each.
+
+    Its seats are not projected out.
+    """
     signals = Signals(plan.states, arm, calibration)
     whitener = signals.compute_whitener()
     columns = [column for cause in causes for column in cause.candidate.columns]
@@ -120,7 +123,7 @@ def predict_check(
 
 
 def select_rows(check: Reduced, chosen: I64) -> Reduced:
-    """Some of a check's numbers."""
+    """Select some of a check's numbers."""
     return replace(
         check,
         residual=check.residual[chosen],

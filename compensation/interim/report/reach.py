@@ -1,4 +1,4 @@
-"""How far a change moves the tip, over all that the arm reaches: for a person's judgement."""
+"""The displacement of the tip by a change, over the arm's whole reach."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ POSES = 400
 
 
 def draw_poses(arm: Arm, reference_c: float, count: int, seed: int) -> States:
-    """Poses over the ranges of all joints, each joint coming to rest from either side."""
+    """Draw random poses over the ranges of all joints, each joint coming to rest from
+    either side.
+    """
     rng = np.random.default_rng(seed)
     q = rng.uniform(*arm.range_rad, (count, arm.n_joints))
     return make_resting_states(q, rng, arm, reference_c, 0.0)
@@ -26,7 +28,9 @@ def draw_poses(arm: Arm, reference_c: float, count: int, seed: int) -> States:
 def compute_tip_rms_um(
     arm: Arm, calibration: Calibration, candidate: Candidate, values: F64
 ) -> float:
-    """RMS over the arm's reach of a change of *values* (p,), a rigid motion of all removed."""
+    """Compute the RMS over the arm's reach of a change of *values* (p,), without its
+    rigid motion.
+    """
     states = draw_poses(arm, calibration.reference_temperature_c, POSES, 20)
     signals = Signals(states, arm, calibration)
     moved = (signals.compute_motions(candidate.columns) @ values).reshape(-1)

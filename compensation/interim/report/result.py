@@ -15,7 +15,7 @@ from armd.compensation.interim.report.judgement import Epoch, Judgement, Reporte
 from armd.compensation.wording import ARC_SECOND, format_minute, format_plain
 from armd.terminal.counted import format_count
 
-#: Of a statistic: whatever comes behind depends on which checks were watched at one time.
+#: Decimals of a statistic: further digits depend on which checks were watched at one time.
 DECIMALS = 6
 
 
@@ -25,8 +25,11 @@ def as_json(
     tomorrow: dict[str, Any] | None,
     with_growth: tuple[str, str] | None = None,
 ) -> dict[str, Any]:
-    """The whole result as plain data; *calibrations*: file and SHA-256 of each change, in order;
-    *with_growth*: of the calibration that has the growth of the links."""
+    """Return the whole result as plain data.
+
+    *calibrations* are file and SHA-256 for each change, in order; *with_growth* are those of the
+    calibration that contains the growth of the links.
+    """
     changes = [
         (reported, epoch) for epoch in judgement.epochs for reported in epoch.reported_changes
     ]
@@ -99,7 +102,7 @@ def _describe_growth(
 
 
 def describe_growth(grown: FittedGrowth) -> str:
-    """The growth in a few sentences, for the console and the page."""
+    """Describe the growth in a few sentences, for the console and the page."""
     before_um, after_um = grown.heldout_um
     sizes = ", ".join(
         f"{link.location} by {format_plain(1e6 * link.per_k, sign='+')} ± "
@@ -162,7 +165,7 @@ def _describe_change(
 
 
 def describe_change(reported: ReportedChange) -> str:
-    """A change in one sentence."""
+    """Describe a change in one sentence."""
     if reported.cause is None:
         return "since then the checks are off in a way that no cause of the catalogue makes"
     candidate = reported.cause.candidate
@@ -178,12 +181,12 @@ def describe_change(reported: ReportedChange) -> str:
 
 
 def name_cause(cause: Cause) -> str:
-    """A cause and its place in words."""
+    """Return a cause and its place in words."""
     return f"{cause.candidate.cause.replace('_', ' ')} ({cause.candidate.location})"
 
 
 def describe_judgement(judgement: Judgement) -> list[str]:
-    """What came of it, for the console and the page."""
+    """Describe the result in sentences, for the console and the page."""
     latest = judgement.latest
     last = latest.checks[-1]
     count = sum(len(epoch.checks) for epoch in judgement.epochs)

@@ -1,4 +1,4 @@
-"""Single readings far off in a check: what a person should know of a check that is bad."""
+"""Single readings that are far off in a check that is bad or may be."""
 
 from __future__ import annotations
 
@@ -18,13 +18,15 @@ from armd.compensation.interim.checks import history
 from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.report.judgement import Judgement
 
-#: Whether a check is bad is open until so many later ones are there.
+#: Whether a check is bad is undecided until this many later ones are there.
 UNDECIDED = 3
 
 
 def list_single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
-    """Of a history's checks that are bad, or may still be, which readings are far off, and whether
-    they count."""
+    """Yield the readings that are far off in checks that are bad, or may still be so.
+
+    Each sentence also states whether the reading counts.
+    """
     for epoch in judgement.epochs:
         for i, check in enumerate(epoch.checks):
             bad = i in epoch.detected.bad
@@ -32,7 +34,8 @@ def list_single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
                 continue
             session = history.load_measured(folder, check)
             fate = "not counted, as nothing of its check is" if bad else "counted until now"
-            # New play in a joint takes readings ten times as far as others, and is a change.
+            # New backlash in a joint makes readings ten times as far off as others, and is a
+            # change.
             changed = any(i >= change.first for change in epoch.detected.changes)
             far_readings = _find_far_readings(
                 session, check, SUSPECT if bad and not changed else MONSTROUS

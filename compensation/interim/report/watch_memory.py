@@ -1,10 +1,11 @@
-"""What watching earlier checks came to, kept beside a history: a check more takes seconds.
+"""A cache of the results of watching earlier checks, so that a further check takes seconds.
 
-    watched.json             of each epoch: the checks, and what each look at them said of each
+    watched.json             for each epoch: the checks, and the results of each look at them
 
-It saves time and decides nothing. It is believed of these very checks in this order only, by the
-hashes that the history's lines have of them, if the same version of armd in the same state wrote it
-and its own hash is right; else all checks are watched anew, which says the same (decision 30).
+The cache saves time and changes no result. It is used only for exactly these checks in this order,
+by the hashes in the history's lines. The same version of armd in the same state must have written
+it, and its own hash must be right. Otherwise all checks are watched again, with the same result
+(decision 30).
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def _is_set(numbers: Sequence[int], until: int) -> bool:
 class _WatchedEpoch(Strict):
     checks: list[str]  # `_make_key` of each, in order of time
     looks: list[_Look]  # the first one with no change known
-    after: list[float]  # of checks after the first alarm, the statistic without …
+    after: list[float]  # the statistic of checks after the first alarm, without …
     left_out: list[int]
 
     def is_sound(self) -> bool:
@@ -76,19 +77,21 @@ class _WatchedEpoch(Strict):
 class _WatchedFile(Strict):
     schema_: str = Field(alias="schema", pattern="^armd.interim.watched/1$")
     armd: str  # the version that wrote it
-    code: str  # and which state of it
+    code: str  # the state of its sources
     epochs: list[_WatchedEpoch]
-    sha256: str  # of all epochs
+    sha256: str  # hash of all epochs
 
 
 @dataclass(frozen=True)
 class Remembered:
-    """What is remembered of a history's epochs."""
+    """The cached results of a history's epochs."""
 
     epochs: tuple[_WatchedEpoch, ...] = ()
 
     def recall_looks(self, checks: Sequence[Check]) -> EpochLooks:
-        """Of the *checks* of an epoch, in order of time, as many as were watched before."""
+        """Return the looks at those of an epoch's *checks*, in order of time, that were watched
+        before.
+        """
         if not self.epochs:
             return NEVER_YET
         keys = [_make_key(check) for check in checks[:-1]]
@@ -106,7 +109,7 @@ NOTHING = Remembered()
 
 
 def read_memory(folder: Path) -> Remembered:
-    """What a history's folder has of it; nothing where any of it is in doubt."""
+    """Read the cache of a history's folder; it is empty if any part of it is in doubt."""
     with suppress(BadInput):
         file = load_json(folder / WATCHED, _WatchedFile)
         ours = (file.armd, file.code) == (__version__, hash_sources())
@@ -117,7 +120,7 @@ def read_memory(folder: Path) -> Remembered:
 
 
 def write_memory(folder: Path, judgement: Judgement) -> None:
-    """Write it; where that is refused (a full disk), the next time takes longer."""
+    """Write the cache; if that fails (a full disk), the next run takes longer."""
     epochs = [
         _WatchedEpoch(
             checks=[_make_key(check) for check in epoch.checks[:-1]],
@@ -150,9 +153,11 @@ def write_memory(folder: Path, judgement: Judgement) -> None:
 
 @functools.cache
 def hash_sources(room: Path = Path(__file__).parents[2]) -> str:
-    """What tells one state of the sources from another that may say other numbers of a check: a
-    version has many states until it is released. The catalogue, its priors and all that weighs them
-    stand in *room*, `compensation`."""
+    """Hash the sources that may change the numbers of a check.
+
+    A version has many states until it is released. The catalogue, its priors and all that weighs
+    them are in *room*, `compensation`.
+    """
     digest = hashlib.sha256()
     for file in sorted(room.rglob("*.py")):
         content = file.read_bytes()
@@ -161,7 +166,7 @@ def hash_sources(room: Path = Path(__file__).parents[2]) -> str:
 
 
 def _make_key(check: Check) -> str:
-    """What a check says, of which arm under which calibration, by which catalogue of causes."""
+    """Hash a check's statistics, its arm, its calibration and its catalogue of causes."""
     facts = (*check.epoch, check.line.files[STATISTICS], check.reduced.catalogue)
     return hashlib.sha256("\n".join(facts).encode()).hexdigest()
 

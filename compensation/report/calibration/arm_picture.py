@@ -1,4 +1,6 @@
-"""The arm as it is modelled: its links, its frames, and which parameters belong to which."""
+"""A picture of the arm as it is modelled: its links, its frames, and the parameters of
+each frame.
+"""
 
 from __future__ import annotations
 
@@ -15,17 +17,17 @@ from armd.compensation.model.parameters import JOINT_PARAMETERS, TIP_PARAMETERS
 from armd.compensation.report.layout.drawing import COLOURS, make_single_figure
 
 HEIGHT_IN = 4.4
-#: Of a frame's axes, as a share of the arm's reach.
+#: The length of a frame's axes, as a share of the arm's reach.
 AXIS_SHARE = 0.09
-#: x, y and z of a frame.
+#: The colours of a frame's x, y and z axes.
 AXES = (COLOURS[1], COLOURS[2], COLOURS[0])
-#: From where the arm is looked at: its x to the lower right, y into the page, z upwards.
+#: The direction of view: the arm's x to the lower right, y into the page, z upwards.
 VIEW_TURN, VIEW_TILT = np.radians(-60.0), np.radians(25.0)
 LETTERS = {"theta": "θ", "d": "d", "a": "a", "alpha": "α", "beta": "β"}
 
 
 def draw_arm_picture(arm: Arm, q: F64, constants: Collection[str]) -> Figure:
-    """The arm in the posture *q* (N,) rad, as arm.toml draws it; *constants* are those named."""
+    """Draw the arm of arm.toml in the posture *q* (N,) rad, labelled with the *constants* named."""
     origins, rotations = (part[0] for part in compute_frames(q[None], arm.nominal()))
     tip = compute_pose(q[None], arm.nominal())[0][0]
     figure, panel = make_single_figure(HEIGHT_IN)
@@ -46,7 +48,7 @@ def draw_arm_picture(arm: Arm, q: F64, constants: Collection[str]) -> Figure:
 
 
 def _project(points: F64) -> F64:
-    """(n, 2) as they lie on the paper, mm."""
+    """Project points (n, 3) onto the paper (n, 2), mm."""
     x, y, z = points.T
     across = x * np.cos(VIEW_TURN) - y * np.sin(VIEW_TURN)
     depth = x * np.sin(VIEW_TURN) + y * np.cos(VIEW_TURN)
@@ -54,7 +56,7 @@ def _project(points: F64) -> F64:
 
 
 def _label_frame(k: int, constants: Collection[str]) -> str:
-    """Of frame *k*: the parameters of the joint that leads to it."""
+    """Label frame *k* with the parameters of the joint that leads to it."""
     if k == 0:
         return "base"
     names = [
@@ -70,7 +72,7 @@ def _name_quantity(quantity: str, names: list[str]) -> str:
 
 
 def _put_labels(panel: Axes, place_mm: F64, labels: list[str]) -> None:
-    """In two columns beside the arm by height, each with a thin line to its frame."""
+    """Put labels in two columns beside the arm by height, each with a thin line to its frame."""
     middle = float(np.median(place_mm[:, 0]))
     order = np.argsort(place_mm[:, 0] - middle, kind="stable")
     sides = {"left": order[: len(order) // 2], "right": order[len(order) // 2 :]}

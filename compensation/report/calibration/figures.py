@@ -1,4 +1,4 @@
-"""Drawings of a calibration: before and after, and what it leaves."""
+"""Drawings of a calibration: the error before and after, the arm, and the residuals."""
 
 from __future__ import annotations
 
@@ -19,21 +19,22 @@ from armd.compensation.report.layout.drawing import make_single_figure
 from armd.compensation.report.layout.page import Page
 from armd.compensation.report.layout.units import Unit, Units
 
-#: Of a table before the appendix; the drawing says the same.
+#: The most rows of a table before the appendix; a longer one is omitted, as the drawing shows the
+#: same.
 MOST_ROWS = 9
 #: One mark for each model.
 MARKS = "osD^"
 
 
 class _Plain(LogFormatter):
-    """The numbers that it chooses as a person writes them, without an exponent."""
+    """A formatter that writes the numbers it chooses without an exponent."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         return f"{x:g}" if super().__call__(x, pos) else ""
 
 
 def draw_before_and_after(page: Page, result: Result, unit: Unit) -> None:
-    """3-D RMS by model and temperature of the arm."""
+    """Draw the 3-D RMS by model and temperature of the arm."""
     fit = result.fit
     observations, arm = fit.observations, fit.observations.arm
     groups = group_temperatures(observations) or [(np.nan, np.ones(observations.n, dtype=bool))]
@@ -74,7 +75,7 @@ def draw_before_and_after(page: Page, result: Result, unit: Unit) -> None:
 
 
 def draw_arm(page: Page, fit: Identification) -> None:
-    """The arm in a posture that was measured, with the names of what was identified."""
+    """Draw the arm in a measured posture, with the names of the identified constants."""
     q = fit.observations.states.q
     middle = q[np.argmin(np.abs(q - np.median(q, axis=0)).sum(axis=1))]
     page.add_heading("The arm and its parameters")
@@ -86,7 +87,7 @@ def draw_arm(page: Page, fit: Identification) -> None:
 
 
 def draw_residual_vectors(page: Page, fit: Identification, unit: Unit) -> None:
-    """Each tip position with its residual, much enlarged."""
+    """Draw each tip position with its residual, much enlarged."""
     points = ~fit.observations.turned
     figure, times = draw_vectors(
         fit.linearisation.position_mm[points], fit.linearisation.residual_mm[points], unit
@@ -100,7 +101,7 @@ def draw_residual_vectors(page: Page, fit: Identification, unit: Unit) -> None:
 
 
 def draw_signed_residuals(page: Page, fit: Identification, units: Units) -> None:
-    """Residuals along each joint's motion, and outwards over each sensor."""
+    """Draw the residuals along each joint's motion, and outwards over each sensor."""
     observations = fit.observations
     points = ~observations.turned
     states, residual_mm = observations.states, fit.linearisation.residual_mm[points]

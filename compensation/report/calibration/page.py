@@ -1,4 +1,4 @@
-"""The report of `armd calibrate`: what decides on two pages, then an appendix for auditors."""
+"""The report of `armd calibrate`: the decision on two pages, then an appendix for auditors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from armd.compensation.report.layout.page import Page
 from armd.compensation.report.layout.units import Units, choose_units
 from armd.compensation.report.sessions import InputFile, add_origin
 
-#: Before the appendix.
+#: The most notes before the appendix.
 MOST_NOTES = 4
 
 
@@ -29,7 +29,7 @@ def make_calibration_report(
     written: LoadedCalibration,
     about: About | None = None,
 ) -> str:
-    """The whole HTML file; *written* is the calibration as it stands on the disk."""
+    """Make the whole HTML file; *written* is the calibration as it was written to the disk."""
     arm = result.fit.observations.arm
     units = choose_units(arm)
     page = Page(f"Calibration of {arm.serial_number}", arm.serial_number)

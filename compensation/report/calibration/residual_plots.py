@@ -1,4 +1,4 @@
-"""What a model leaves, with its sign: along each joint's motion, away from the base, as vectors."""
+"""Plots of signed residuals: along each joint's motion, away from the base, and as vectors."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from armd.compensation.report.layout.drawing import (
 )
 from armd.compensation.report.layout.units import Unit, Units
 
-#: Readings whose lever on a joint is below this share of the median tell nothing of it.
+#: Readings whose lever on a joint is below this share of the median are not shown for that joint.
 LEAST_LEVER = 0.3
 MOST_BINS, LEAST_READINGS = 16, 8
-#: Of the band about a running mean, in its standard uncertainties.
+#: Half the width of the band about a running mean, in its standard uncertainties.
 BAND = 1.96
-#: A typical residual is drawn so long, as a share of what was measured.
+#: The drawn length of a typical residual, as a share of the measured volume's diagonal.
 DRAWN_SHARE = 0.04
 ROW_IN = 2.1
 
 
 def draw_residuals_by_joint(q: F64, joints: F64, residual_mm: F64, units: Units) -> Figure:
-    """Residuals (n, 3) along each joint's motion, joints (n, 3, N) mm/rad, over its angle (n, N).
+    """Draw residuals (n, 3) along each joint's motion over the joint's angle.
 
-    Each panel has the readings, their running mean and the 95 % band of that mean.
+    *joints* (n, 3, N) mm/rad are the derivatives by the angles *q* (n, N). Each panel has the
+    readings, their running mean and the 95 % band of that mean.
     """
     count = q.shape[1]
     rows = -(-count // 3)
@@ -52,7 +53,9 @@ def draw_residuals_by_joint(q: F64, joints: F64, residual_mm: F64, units: Units)
 def draw_residuals_by_sensor(
     celsius: F64, names: list[str], tip_mm: F64, residual_mm: F64, unit: Unit
 ) -> Figure | None:
-    """Residuals away from the base's axis over each sensor; None where no temperature is known."""
+    """Draw residuals away from the base's axis over each sensor; None if no temperature
+    is known.
+    """
     measured_sensors = [s for s in range(len(names)) if np.isfinite(celsius[:, s]).any()]
     if not measured_sensors:
         return None
@@ -72,7 +75,7 @@ def draw_residuals_by_sensor(
 
 
 def draw_vectors(tip_mm: F64, residual_mm: F64, unit: Unit) -> tuple[Figure, float]:
-    """Each tip position (n, 3) with its residual, and how many times too long that is drawn."""
+    """Draw each tip position (n, 3) with its residual; return the figure and the enlargement."""
     finite = np.flatnonzero(np.isfinite(residual_mm).all(axis=1))
     rows = finite[select_rows(len(finite))]
     tip, residual = tip_mm[rows], residual_mm[rows]
@@ -93,7 +96,7 @@ def draw_vectors(tip_mm: F64, residual_mm: F64, unit: Unit) -> tuple[Figure, flo
 
 
 def _draw_scale_bar(panel: Axes, points: F64, length: float, name: str) -> None:
-    """Below the points (n, 2), which decide what is shown."""
+    """Draw a scale bar below the points (n, 2); the points alone set the range shown."""
     low, high = points.min(axis=0), points.max(axis=0)
     below = low[1] - 0.1 * max(high[1] - low[1], length)
     panel.plot([low[0], low[0] + length], [below, below], color="black", linewidth=2.0, marker="|")
@@ -107,18 +110,18 @@ def _draw_scale_bar(panel: Axes, points: F64, length: float, name: str) -> None:
 
 
 def choose_round(value: float) -> float:
-    """The largest 1, 2 or 5 times a power of ten that is not above *value*."""
+    """Return the largest 1, 2 or 5 times a power of ten that is not above *value*."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * 1.0001))
 
 
 def select_rows(n: int) -> I64:
-    """Rows to draw: all, or as many as a page bears, evenly spread."""
+    """Select the rows to draw: all, or at most `MOST_POINTS`, evenly spread."""
     return np.linspace(0, n - 1, min(n, MOST_POINTS)).astype(np.int64)
 
 
 def compute_running_mean(x: F64, y: F64) -> tuple[F64, F64, F64]:
-    """Means over bins of equal count: middle, mean and standard uncertainty of the mean (B,)."""
+    """Compute means over bins of equal count: middle, mean and its standard uncertainty (B,)."""
     bins = min(MOST_BINS, len(x) // LEAST_READINGS)
     if bins < 1:
         return np.zeros(0), np.zeros(0), np.zeros(0)
@@ -138,6 +141,6 @@ def _draw(panel: Axes, x: F64, y: F64) -> None:
     )
     panel.plot(middle, mean, color=COLOURS[1], linewidth=1.5)
     panel.axhline(0.0, color="black", linewidth=0.5)
-    if len(y):  # one stray reading must not flatten all others
+    if len(y):  # one stray reading must not compress all others
         reach = 1.3 * float(np.quantile(np.abs(y), 0.99)) + 1e-12
         panel.set_ylim(-reach, reach)

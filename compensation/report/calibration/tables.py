@@ -1,4 +1,6 @@
-"""Tables of a calibration: lengths, parameters, what cannot be told apart, outliers."""
+"""Tables of a calibration: lengths, parameters, combinations that are not
+identifiable, outliers.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +17,17 @@ from armd.compensation.report.layout.units import Unit, Units
 from armd.compensation.report.sessions import NOT_STATED
 from armd.terminal.counted import format_count
 
-#: Correlations stronger than this are worth knowing.
+#: Correlations stronger than this are listed.
 WORTH_KNOWING = 0.9
-#: Outliers in a table; the result's JSON has all.
+#: The most outliers in a table; the result's JSON has all.
 MOST_LISTED = 50
-#: A constant with less than this share in every direction not identifiable stands alone.
+#: A constant whose share in every direction that is not identifiable is below this is determined by
+#: itself.
 ALONE = 1e-3
 
 
 def add_lengths(page: Page, result: Result, unit: Unit) -> None:
-    """Certified lengths as the calibrated arm measures them."""
+    """Add the certified lengths as the calibrated arm measures them."""
     if not result.lengths:
         return
     page.add_heading("Certified lengths")
@@ -45,7 +48,7 @@ def add_lengths(page: Page, result: Result, unit: Unit) -> None:
 
 
 def add_not_identifiable(page: Page, result: Result) -> None:
-    """Combinations that these sessions do not determine."""
+    """Add the combinations of parameters that these sessions do not determine."""
     page.add_heading("Not identifiable from these sessions")
     page.add_text(
         "The drawing counts as one more reading of these combinations, good to a plausible"
@@ -55,7 +58,7 @@ def add_not_identifiable(page: Page, result: Result) -> None:
 
 
 def add_parameters_and_terms(page: Page, result: Result, units: Units) -> None:
-    """Each constant and term with its standard uncertainty."""
+    """Add each constant and term with its standard uncertainty."""
     fit = result.fit
     arm = fit.observations.arm
     nominal = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
@@ -119,7 +122,7 @@ def _format_uncertainty(term: Term) -> str:
 
 
 def add_correlations(page: Page, fit: Identification) -> None:
-    """Pairs of what is determined that are strongly correlated."""
+    """Add the pairs of determined unknowns that are strongly correlated."""
     deviation = np.sqrt(np.diag(fit.covariance))
     safe = np.where(deviation > 0, deviation, np.inf)
     correlation = fit.covariance / np.outer(safe, safe)
@@ -144,7 +147,7 @@ def add_correlations(page: Page, fit: Identification) -> None:
 
 
 def add_thermal_trials(page: Page, result: Result, unit: Unit) -> None:
-    """What each thermal model misses by on readings left out."""
+    """Add the held-out error of each thermal model."""
     if not result.trials:
         return
     page.add_heading("Thermal models compared")
@@ -166,7 +169,7 @@ def add_thermal_trials(page: Page, result: Result, unit: Unit) -> None:
 
 
 def add_outliers(page: Page, result: Result, unit: Unit) -> None:
-    """Readings gone wrong."""
+    """Add the outliers and the number of down-weighted readings."""
     listed = result.outliers()
     page.add_heading("Outliers")
     page.add_text(

@@ -1,4 +1,4 @@
-"""One finding of a diagnosis on the page: what it gains, what the readings show, its rivals."""
+"""One finding of a diagnosis on the page: its gain, its signature in the readings, its rivals."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from armd.compensation.report.layout.units import choose_units
 from armd.compensation.report.sessions import NOT_STATED
 from armd.compensation.wording import ARC_SECOND, format_clock
 
-#: Units in which a person reads amplitudes.
+#: Units in which the page shows amplitudes.
 SMALL = {"rad": (1.0 / ARC_SECOND, "″"), "mm": (1e3, "µm")}
 
 
 def add_finding(
     page: Page, diagnosis: Diagnosis, index: int, number: int, finding: dict[str, Any]
 ) -> None:
-    """Add a finding, numbered as the verdict names it."""
+    """Add a finding with the number that it has in the verdict."""
     page.add_heading(f"{number}. {name_finding(finding)}")
     page.add_text(_to_sentence(finding["reading"]))
     gain, length = finding["gain"], choose_units(diagnosis.arm).length
@@ -68,7 +68,7 @@ def _add_evidence(page: Page, finding: dict[str, Any]) -> None:
 
 
 def _add_predictive_checks(page: Page, finding: dict[str, Any]) -> None:
-    """Predictive checks: the amplitude in parts of the readings."""
+    """Add the predictive checks: the amplitude in parts of the readings."""
     explains = finding["explains"]
     if not explains or not explains["checks"]:
         return
@@ -99,7 +99,7 @@ def _add_amplitudes(page: Page, finding: dict[str, Any]) -> None:
 
 
 def _format_small_units(parameter: dict[str, Any]) -> list[str]:
-    """Angles in seconds of arc, lengths in µm; no uncertainty where none is stated."""
+    """Format angles in seconds of arc and lengths in µm; an uncertainty only if it is stated."""
     if parameter["unit"] == "s (Unix)":
         return [parameter["name"], format_clock(parameter["value"]), NOT_STATED, ""]
     scale, unit = SMALL.get(parameter["unit"].split(" ")[0].split("/")[0], (1.0, ""))

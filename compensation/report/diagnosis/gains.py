@@ -1,4 +1,4 @@
-"""What one finding after another gains on held-out readings, as points."""
+"""A drawing of the held-out error as one finding after another is added."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 
 from armd.compensation.report.layout.units import MICROMETRES, Unit
 
-#: Longer names of more findings would lie over each other.
+#: With more findings than this, their names would overlap.
 MOST_NAMED = 5
 
 
 def name_finding(finding: Mapping[str, Any]) -> str:
-    """A finding's cause and place, as `diagnose --json` has it, in words."""
+    """Return a finding's cause and place, as `diagnose --json` has it, in words."""
     cause_names_place = finding["location"] == "-" or finding["cause"].startswith(
         finding["location"]
     )
@@ -23,8 +23,10 @@ def name_finding(finding: Mapping[str, Any]) -> str:
 
 
 def draw_gains(panel: Axes, result: Mapping[str, Any], unit: Unit = MICROMETRES) -> None:
-    """Draw held-out 3-D RMS, before and after each finding of *result* (`diagnose --json`);
-    whiskers are 95 % of its gain, the dotted line is the noise alone."""
+    """Draw the held-out 3-D RMS, before and after each finding of *result* (`diagnose --json`).
+
+    Whiskers are 95 % of its gain; the dotted line is the noise alone.
+    """
     baseline = result["baseline"]
     labels, values = ["model under test"], [baseline["heldout_rms_um"]]
     low, high = [0.0], [0.0]
@@ -43,7 +45,7 @@ def draw_gains(panel: Axes, result: Mapping[str, Any], unit: Unit = MICROMETRES)
         panel.annotate(
             f"{value:.{unit.decimals}f}", (place, value), xytext=(7, 0), textcoords="offset points"
         )
-    short = len(labels) > MOST_NAMED  # the table above has their names
+    short = len(labels) > MOST_NAMED  # the table above lists their names
     panel.set_xticks(places, [f"+ {i}." if i else labels[0] for i in places] if short else labels)
     panel.set_xlim(-0.5, len(labels) - 0.5)
     panel.set_ylim(

@@ -24,15 +24,15 @@ from armd.compensation.report.layout.units import Unit, Units, choose_units
 from armd.compensation.report.sessions import InputFile, add_origin
 from armd.terminal.counted import format_count
 
-#: What may be found without a cause that has a name and is in the arm or its setting-up.
+#: Findings that are no named cause in the arm or its setup.
 NO_CAUSES = ("artefact_moved", "outliers", "unknown")
-#: Findings in the table before the appendix.
+#: The most findings in the table before the appendix.
 MOST_FINDINGS = 6
-#: So many rows of curves and the coverage are a page.
+#: The number of rows of curves that fill one page together with the coverage.
 MOST_ROWS = 3
 OVERVIEW_ROW_IN = 1.75
 GAINS = "3-D RMS on held-out readings, as one finding after another is added"
-#: As docs/developer/diagnosis-how.md has it at length.
+#: The full text is in docs/developer/diagnosis-how.md.
 RULE = (
     "Decision rule: a cause is reported where noise alone would reach its score, anywhere among the"
     " candidates, once in a hundred data sets at most. It is confirmed where it improves the"
@@ -48,13 +48,16 @@ def make_diagnosis_report(
     comparisons: Sequence[ResidualComparison],
     about: About | None = None,
 ) -> str:
-    """The page; *result* is the diagnosis as its JSON has it, *files* arm and calibration;
-    *comparisons* as `predictive.curves.compare` makes them."""
+    """Make the page as HTML text.
+
+    *result* is the diagnosis as its JSON has it, *files* are arm and calibration, *comparisons* are
+    those of `predictive.curves.compare`.
+    """
     arm, units = diagnosis.arm, choose_units(diagnosis.arm)
     sessions = [*diagnosis.sessions, *diagnosis.holdout]
     page = Page(f"Diagnosis of {arm.serial_number}", arm.serial_number)
     word, reason = write_headline(result)
-    page.add_verdict(  # a cause is no limit that was kept or not
+    page.add_verdict(  # a diagnosis has no limit to pass or fail
         word,
         page.abbreviate("Verdict", reason),
         None,
@@ -70,7 +73,7 @@ def make_diagnosis_report(
     page.add_text(RULE)
     _add_model_under_test(page, diagnosis, result)
     _add_rest_of_overview(page, comparisons, units)
-    touched = len(diagnosis.touched)  # they stand first among the findings
+    touched = len(diagnosis.touched)  # they are the first of the findings
     for number, finding in enumerate(result["findings"][:touched], 1):
         page.add_heading(f"{number}. {name_finding(finding)}")
         page.add_text(finding["reading"])
@@ -98,7 +101,7 @@ def make_diagnosis_report(
 
 
 def write_headline(result: dict[str, Any]) -> tuple[str, str]:
-    """A diagnosis in a word or two, and the reason: the causes, or why none is named."""
+    """Return a diagnosis in a few words, and the reason: the causes, or why none is named."""
     findings = result["findings"]
     strange = any(finding["cause"] == "unknown" for finding in findings)
     causes = [finding for finding in findings if finding["cause"] not in NO_CAUSES]
@@ -122,7 +125,7 @@ def write_headline(result: dict[str, Any]) -> tuple[str, str]:
 
 
 def _describe(finding: dict[str, Any]) -> str:
-    """A finding in the reason, and how far it is to be believed."""
+    """Describe a finding for the reason, with its doubts."""
     if finding["cause"] == "outliers":
         rows = len(finding["rows"])
         return f"{format_count(rows, 'reading')} far from where all others put them"
@@ -138,7 +141,7 @@ def _describe(finding: dict[str, Any]) -> str:
 
 
 def _write_key_sentence(diagnosis: Diagnosis, result: dict[str, Any], unit: Unit) -> str:
-    """What the extended model gains on readings that had no part in it, in one unit."""
+    """Describe the extended model's gain on held-out readings in one sentence, in one unit."""
     before_um, after_um = result["baseline"]["heldout_rms_um"], None
     if diagnosis.written:
         before_um, after_um = diagnosis.written_clear_um or diagnosis.written_rms_um
@@ -210,7 +213,9 @@ def _add_model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, An
 
 
 def _choose_most_telling(comparisons: Sequence[ResidualComparison]) -> list[ResidualComparison]:
-    """Of the overview those that noise explains least, in the overview's order."""
+    """Choose those comparisons of the overview that noise explains least, in the
+    overview's order.
+    """
     comparisons_overview = choose_overview(comparisons)
     chosen = sorted(comparisons_overview, key=lambda comparison: comparison.order)[:MOST_ROWS]
     return [
@@ -239,7 +244,10 @@ def _add_rest_of_overview(
 def _add_measured_against_simulated(
     page: Page, comparisons: Sequence[ResidualComparison], units: Units
 ) -> None:
-    """What the simulation gets wrong stands out of the band; afterwards it lies inside."""
+    """Add the mean residuals with the band of the simulation, before and after the findings.
+
+    Errors of the simulation are outside the band before, and should be inside it after.
+    """
     if not comparisons:
         return
     page.add_heading("Measured against simulated")

@@ -1,8 +1,9 @@
-"""Measured against simulated residuals: what a model leaves, beside what noise alone would leave.
+"""Measured against simulated residuals: those of a model, with those that noise alone would leave.
 
-Each panel shows the mean residual (tip minus target) along one component (a joint's motion in ″, a
-link or an axis in µm, the artefact's scale in µm/m) over one variable; the band in which 95 % of
-the data sets lie that the model gives by the noise found; and a few of these sets.
+Each panel shows the mean residual (tip minus target) along one component over one variable. The
+component is a joint's motion in ″, a link or an axis in µm, or the artefact's scale in µm/m. The
+band contains 95 % of the data sets that are simulated from the model and the estimated noise; a few
+of these sets are drawn, too.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from armd.compensation.diagnose.predictive.curves import ResidualComparison, Res
 from armd.compensation.report.layout.drawing import COLOURS, make_figure
 from armd.compensation.report.layout.units import MICROMETRES, SECONDS, Unit, Units
 
-#: More names than these have no room below an axis.
+#: With more names than this there is no room for them below an axis.
 MOST_LABELS = 24
 ROW_IN = 2.3
 GREY = "#8c959f"
@@ -27,14 +28,19 @@ UNITS = Units(MICROMETRES, SECONDS)
 
 
 def draw_overview(comparisons: Sequence[ResidualComparison]) -> Figure:
-    """Draw of joint angles, temperatures, time and placements what leaves its band most, each under
-    the model under test (left) and with the findings (right)."""
+    """Draw the comparisons outside their band most, of joint angles, temperatures, time and
+    placements.
+
+    Each is drawn under the model under test (left) and with the findings (right).
+    """
     return draw_rows([*choose_overview(comparisons)])
 
 
 def choose_overview(comparisons: Sequence[ResidualComparison]) -> Sequence[ResidualComparison]:
-    """The one of each group that leaves its band most under the model under test; and what does so
-    of all of them, if it is of no such group."""
+    """Choose the comparison of each group that is outside its band most under the model under test.
+
+    The one that is so among all comparisons is added, if it belongs to none of the groups.
+    """
     groups: dict[str, list[ResidualComparison]] = {}
     for comparison in comparisons:
         groups.setdefault(_get_group(comparison.bins.variable), []).append(comparison)
@@ -48,15 +54,18 @@ def choose_overview(comparisons: Sequence[ResidualComparison]) -> Sequence[Resid
 
 
 def choose_most_outside(comparisons: Sequence[ResidualComparison]) -> ResidualComparison:
-    """The one that stands out of noise most under the model under test."""
+    """Return the comparison that exceeds the noise most under the model under test."""
     return min(comparisons, key=lambda comparison: comparison.order)
 
 
 def choose_for_finding(
     comparisons: Sequence[ResidualComparison], finding: Mapping[str, Any]
 ) -> ResidualComparison | None:
-    """What shows a *finding* (of `diagnose --json`) best: of the variables that it depends on, at
-    its own place where it has one; None where none of them was recorded."""
+    """Choose the comparison that shows a *finding* (of `diagnose --json`) best.
+
+    It is over a variable that the finding depends on, at the finding's own place if there is one.
+    Returns None if none of these variables was recorded.
+    """
     names = {"approach" if name.startswith("approach") else name for name in finding["depends_on"]}
     over_its_variables = [
         comparison for comparison in comparisons if comparison.bins.variable in names
@@ -73,7 +82,7 @@ def choose_for_finding(
 def draw_rows(
     comparisons: Sequence[ResidualComparison], units: Units = UNITS, row_in: float = ROW_IN
 ) -> Figure:
-    """Draw comparisons below each other: before, and after."""
+    """Draw comparisons below each other: before (left), and after (right)."""
     figure, axes = make_figure(max(len(comparisons), 1), 2, row_in * max(len(comparisons), 1))
     for row, comparison in enumerate(comparisons):
         pair = axes[2 * row : 2 * row + 2]
@@ -121,7 +130,7 @@ def draw_curve(
 
 
 def get_unit(comparison: ResidualComparison, units: Units) -> Unit:
-    """The unit of a comparison's residuals; a scale's is a length's per metre."""
+    """Return the unit of a comparison's residuals; a scale's is a length's per metre."""
     length = units.length
     match comparison.component.quantity:
         case "angle":
@@ -132,7 +141,7 @@ def get_unit(comparison: ResidualComparison, units: Units) -> Unit:
 
 
 def _format_p_value(curve: ResidualCurve) -> str:
-    """A p-value of 0 is one below what the drawn curves resolve."""
+    """Format a p-value; one of 0 is stated as below the resolution of the drawn curves."""
     resolution = 1.0 / CURVES
     return f"p = {curve.p_value:.2g}" if curve.p_value >= resolution else f"p < {resolution:.1g}"
 

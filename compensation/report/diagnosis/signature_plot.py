@@ -1,9 +1,10 @@
-"""One finding as a picture: what the readings show, and the fitted effect over it.
+"""A picture of one finding: the readings, and the fitted effect over them.
 
-An effect on one parameter that depends on one variable (a joint's angle error over its angle) is
-drawn in the parameter's own unit: fitted effect plus what is left, reading by reading. Any other
-is drawn as a length at the tip, along the effect's own direction; over the fitted effect itself
-where it depends on several variables: readings that bear it out follow the line.
+If an effect changes one parameter and depends on one variable (a joint's angle error over its
+angle), it is drawn in the parameter's own unit: fitted effect plus residual, reading by reading.
+Any other effect is drawn as a length at the tip, along the effect's own direction. If it depends on
+several variables, it is drawn over the fitted effect itself: readings that confirm it follow the
+line.
 """
 
 from __future__ import annotations
@@ -27,19 +28,19 @@ from armd.compensation.report.layout.units import choose_units
 
 BINS = 24
 MOST_DOTS = 2500
-#: Readings whose lever on the parameter is below this share of the median tell nothing of it.
+#: Readings whose lever on the parameter is below this share of the median are not shown.
 LEAST_LEVER = 0.3
 
 
 def make_signature_plot(diagnosis: Diagnosis, index: int) -> Figure:
-    """What the readings show of a finding, with the fitted effect over it."""
+    """Make a figure of the readings for a finding, with the fitted effect over them."""
     figure, panel = make_single_figure()
     draw_signature(panel, diagnosis, index)
     return figure
 
 
 def draw_signature(panel: Axes, diagnosis: Diagnosis, index: int) -> None:
-    """Draw what the readings show of a finding, with the fitted effect over it."""
+    """Draw the readings for a finding, with the fitted effect over them."""
     candidate = diagnosis.search.last.findings[index]
     moved = {term.parameter for column in candidate.columns for term in column.terms}
     steady = all(column.artefact is None for column in candidate.columns)
@@ -80,7 +81,9 @@ def _add_legend(panel: Axes) -> None:
 def _project_on_parameter(
     diagnosis: Diagnosis, index: int, parameter: str
 ) -> tuple[I64, F64, F64, str]:
-    """Rows that tell, their error of the parameter, the fitted one, and the axis' title."""
+    """Return the rows with enough lever, their error of the parameter, the fitted one, and
+    a title.
+    """
     last = diagnosis.search.last
     n = last.linear.rests.n
     signatures = compile_candidates([last.findings[index]], last.linear, diagnosis.arm)
@@ -88,7 +91,7 @@ def _project_on_parameter(
     for parts, amplitude in zip(signatures.parts, last.amplitudes[index], strict=True):
         for _, weight, basis in parts:
             effect += amplitude * weight * signatures.bases[basis]
-    effect -= effect.mean()  # a constant is the parameter's own
+    effect -= effect.mean()  # a constant part belongs to the parameter itself
     number = diagnosis.arm.layout.index(parameter)
     lever = last.linear.jacobian[number, : 3 * n].reshape(n, 3)
     residual = (last.residual - last.fitted)[: 3 * n].reshape(n, 3)
@@ -110,7 +113,9 @@ def _project_on_parameter(
 
 
 def _project_at_tip(diagnosis: Diagnosis, index: int) -> tuple[I64, F64, F64, str]:
-    """All rows: the residual before this finding along the effect, and the effect."""
+    """Return all rows, the residual before this finding along the effect, the effect, and
+    a title.
+    """
     last = diagnosis.search.last
     signature = last.net_signature(index)
     n = len(signature)
@@ -127,7 +132,7 @@ def _project_at_tip(diagnosis: Diagnosis, index: int) -> tuple[I64, F64, F64, st
 
 
 def _make_curve(values: F64, line: F64) -> tuple[F64, F64]:
-    """The effect over its variable: a curve, broken where nothing was measured."""
+    """Make a curve of the effect over its variable, broken where nothing was measured."""
     order = np.argsort(values, kind="stable")
     thin = order[np.linspace(0, len(order) - 1, min(len(order), MOST_POINTS)).astype(int)]
     gaps = np.flatnonzero(np.diff(values[thin]) > np.ptp(values) / BINS) + 1
@@ -135,7 +140,9 @@ def _make_curve(values: F64, line: F64) -> tuple[F64, F64]:
 
 
 def _compute_means(values: F64, points: F64) -> tuple[F64, F64]:
-    """Means over the variable: of each of its values if they are few, else of so many readings."""
+    """Compute means over the variable: for each value if there are few, else for groups of
+    readings.
+    """
     order = np.argsort(values, kind="stable")
     steps = np.flatnonzero(np.diff(values[order])) + 1
     few = len(steps) < BINS
@@ -146,7 +153,10 @@ def _compute_means(values: F64, points: F64) -> tuple[F64, F64]:
 
 
 def _choose_range(points: F64, line: F64) -> list[float]:
-    """The bulk of the readings and all of the effect: one stray reading must not flatten both."""
+    """Choose a range with most of the readings and all of the effect.
+
+    One stray reading must not compress both.
+    """
     low, high = np.quantile(points, [0.005, 0.995])
     low, high = min(low, float(line.min())), max(high, float(line.max()))
     margin = 0.1 * (high - low) + 1e-12
@@ -154,12 +164,14 @@ def _choose_range(points: F64, line: F64) -> list[float]:
 
 
 def _list_target_names(diagnosis: Diagnosis) -> list[str]:
-    """The artefact's targets in its own order, those of all sessions that have others."""
+    """List the artefact's targets in its own order, followed by further targets of
+    other sessions.
+    """
     return list(dict.fromkeys(diagnosis.search.last.linear.rests.target_label))
 
 
 def _get_variable(diagnosis: Diagnosis, candidate: Candidate) -> tuple[str, F64]:
-    """Title and values of the first variable the finding depends on; else the reading's number."""
+    """Return title and values of the first variable of the finding; else the reading's number."""
     rests = diagnosis.search.last.linear.rests
     states = rests.observations.states
     name = candidate.depends_on[0] if candidate.depends_on else ""

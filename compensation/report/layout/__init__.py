@@ -1,1 +1,1 @@
-"""How a page of a report looks, whatever it reports: its parts, drawings, units and head."""
+"""The layout of all reports: the parts of a page, drawings, units and the head."""

@@ -1,4 +1,4 @@
-"""`about.toml`: what a report's head says that no measurement knows."""
+"""The file `about.toml`: entries of a report's head that no measurement contains."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic import Field, StringConstraints
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_toml
 
-#: Longer entries would push what matters off the first page.
+#: Longer entries would push the results off the first page.
 HeadLine = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=120)]
 
 
@@ -32,7 +32,7 @@ def load_about(path: str | Path) -> About:
 
 
 def add_about(parser: argparse.ArgumentParser) -> None:
-    """The option --about, of reports that are signed."""
+    """Add the option --about, for reports that are signed."""
     parser.add_argument(
         "--about",
         metavar="ABOUT.toml",
@@ -41,7 +41,7 @@ def add_about(parser: argparse.ArgumentParser) -> None:
 
 
 def read_about(args: argparse.Namespace) -> About:
-    """Return what --about names; raises `BadInput` for a bad file, or where no report is asked."""
+    """Read the file of --about; raises `BadInput` for a bad file, or if no report is asked for."""
     if args.about is None:
         return About()
     about = load_about(args.about)

@@ -1,7 +1,7 @@
-"""Drawings of a report: one manner for all, written as SVG that stands inside a page.
+"""Drawings of a report: one style for all, written as SVG elements of a page.
 
-Lines and letters stay lines and letters, so that they print; clouds of readings become a picture
-within the drawing (`draw_dots`), for thousands of them would make a page of megabytes.
+Lines and letters stay vectors, so that they print well. Clouds of readings become a bitmap within
+the drawing (`draw_dots`), because thousands of them would make a page of megabytes.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from matplotlib.figure import Figure
 
 from armd.arrays import F64
 
-#: Colours told apart by colour-blind readers too (Okabe and Ito).
+#: Colours that colour-blind readers can separate, too (Okabe and Ito).
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]
-#: More points than this make no picture clearer.
+#: More points than this do not make a picture clearer.
 MOST_POINTS = 5000
 
 WIDTH_IN = 9.0
-DOTS_PER_INCH = 110  # of a cloud
+DOTS_PER_INCH = 110  # of a bitmap
 
 
 class NotebookFigure(Figure):
-    """A figure that a notebook shows, whether it has loaded pyplot or not."""
+    """A figure that a notebook displays, whether or not it has loaded pyplot."""
 
     def _repr_png_(self) -> bytes:
         data = io.BytesIO()
@@ -38,14 +38,14 @@ class NotebookFigure(Figure):
 
 
 def _use_style(salt: str = "") -> AbstractContextManager[None]:
-    """The manner of all drawings; *salt* tells the parts of one from those of another."""
+    """Use the style of all drawings; *salt* makes the identifiers of one drawing's parts unique."""
     return mpl.rc_context(
         {
             "svg.fonttype": "none",
             "svg.hashsalt": salt,
             "font.family": ["sans-serif"],
             "font.size": 9.0,
-            "text.parse_math": False,  # a dollar in a name is a dollar
+            "text.parse_math": False,  # a dollar in a name is no formula
             "axes.spines.top": False,
             "axes.spines.right": False,
             "axes.grid": True,
@@ -60,22 +60,22 @@ def _use_style(salt: str = "") -> AbstractContextManager[None]:
 def make_figure(
     rows: int = 1, columns: int = 1, height_in: float = 3.6
 ) -> tuple[Figure, list[Axes]]:
-    """A drawing as wide as the page, and its axes row by row."""
+    """Make a figure as wide as the page, and its axes row by row."""
     with _use_style():
         figure = NotebookFigure(figsize=(WIDTH_IN, height_in), layout="constrained")
         return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
 
 
 def make_single_figure(height_in: float = 3.6) -> tuple[Figure, Axes]:
-    """A drawing of one pair of axes."""
+    """Make a figure with one pair of axes."""
     figure, axes = make_figure(height_in=height_in)
     return figure, axes[0]
 
 
 def make_views(height_in: float = 5.0) -> tuple[Figure, Sequence[tuple[Axes, int, int]]]:
-    """Space on paper: from above (x, y) and from the side (x, z), in mm, to the same scale.
+    """Make views from above (x, y) and from the side (x, z), in mm, to the same scale.
 
-    Each as its axes and the two columns of a position that it shows.
+    Each view is its axes and the two columns of a position that it shows.
     """
     figure, axes = make_figure(1, 2, height_in)
     panels = [(axes[0], 0, 1), (axes[1], 0, 2)]
@@ -93,12 +93,14 @@ def set_view(panel: Axes, across: int, up: int) -> None:
 
 
 def draw_dots(panel: Axes, x: F64, y: F64, label: str = "") -> None:
-    """Readings as dots."""
+    """Draw readings as dots."""
     panel.scatter(x, y, s=5.0, alpha=0.4, linewidths=0.0, rasterized=True, label=label)
 
 
 def make_svg(figure: Figure, salt: str, label: str) -> str:
-    """The drawing as an element of a page; *salt* tells its parts from other drawings' ones."""
+    """Return the drawing as an element of a page; *salt* separates its identifiers from other
+    drawings'.
+    """
     with _use_style(salt):
         file = io.StringIO()
         figure.savefig(
@@ -107,7 +109,7 @@ def make_svg(figure: Figure, salt: str, label: str) -> str:
     text = file.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r'<g id="[^"]*">', "<g>", text)  # the same in every drawing
+    text = re.sub(r'<g id="[^"]*">', "<g>", text)  # these identifiers occur in every drawing
     size = re.search(r'viewBox="[^"]*"', text)
     head = f'<svg role="img" aria-label="{html.escape(label)}" {size.group(0) if size else ""}'
     names = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'

@@ -1,4 +1,4 @@
-"""The head of a report that is signed: whose arm, when, where, by whom, on what, how warm."""
+"""The head of a signed report: arm, date, place, operator, artefact and temperatures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.report.layout.about import About
 from armd.compensation.report.layout.page import APPENDIX, Page
 
-#: More artefacts than this make no head.
+#: The most different entries of one kind in the head.
 MOST_NAMED = 3
 #: The serial number of an arm of which only points are known (`verify.points`).
 NOBODYS = "-"
@@ -28,9 +28,9 @@ def add_head(
     about: About | None,
     started_unix_s: Sequence[float] = (),
 ) -> None:
-    """The head block of a report of *sessions*; *arm* is None where only points are known.
+    """Add the head block of a report of *sessions*; *arm* is None where only points are known.
 
-    *started_unix_s*: instants of measurements that are no sessions.
+    *started_unix_s* are instants of measurements that are not sessions.
     """
     about = about or About()
     started = [*started_unix_s, *(session.started_unix_s for session in sessions)]
@@ -62,7 +62,7 @@ def _get_serial(arm: Arm | None) -> str | None:
 
 
 def _join_different(texts: Iterable[str | None]) -> str | None:
-    """Different texts in their order; None where there is none."""
+    """Join the different texts in their order; None if there is none."""
     different = list(dict.fromkeys(filter(None, texts)))
     n_further = len(different) - MOST_NAMED
     text = "; ".join(different[:MOST_NAMED]) + (
@@ -79,7 +79,7 @@ def _describe_certificate(artefact: Artefact) -> str | None:
 
 
 def _format_days(started_unix_s: Sequence[float]) -> str | None:
-    """The day, or the first and the last; an instant of 0 is one that nobody knows."""
+    """Format the day, or the first and the last day; an instant of 0 is unknown."""
     instants = [instant for instant in started_unix_s if instant > 0.0]
     if not instants:
         return None

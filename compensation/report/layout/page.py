@@ -1,4 +1,4 @@
-"""One HTML page without a script: headings, text, tables, drawings as SVG, lines to sign on."""
+"""One HTML page without a script: headings, text, tables, drawings as SVG, signature lines."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ from armd import __version__
 from armd.compensation.report.layout.drawing import make_svg
 from armd.compensation.report.layout.style import STYLE, make_footer_style
 
-#: Stands above what is not needed to decide.
+#: The heading above everything that is not needed to decide.
 APPENDIX = "Appendix"
-#: Of a list or a sentence that is shown in brief; the appendix has the rest.
+#: The most items of a list, and letters of a sentence, that are shown in brief; the appendix has
+#: the rest.
 MOST_ITEMS = 6
-#: The same of sentences that take some lines each.
+#: The most items of a list whose sentences take some lines each.
 MOST_SENTENCES = 4
 MOST_LETTERS = 420
 FAINT_ROW = '<tr class="faint">'
 
 
 class Page:
-    """Collects blocks in order; `to_html()` is the whole file."""
+    """A page that collects blocks in order; `to_html()` returns the whole file."""
 
     def __init__(self, title: str, footer: str = "") -> None:
-        """*footer* stands at the foot of each printed page, beside its number."""
+        """Begin a page; *footer* is printed at the foot of each page, beside its number."""
         self.title = title
         self._footer = footer or title
         self._blocks = [f"<h1>{html.escape(title)}</h1>"]
@@ -41,7 +42,7 @@ class Page:
         self._blocks.append(f"<h{self._level}>{html.escape(text)}</h{self._level}>")
 
     def add_head(self, rows: Sequence[tuple[str, str | None]]) -> None:
-        """The block of facts that a document begins with; None is a line to be filled by hand."""
+        """Add the block of facts at the head; None is a line to be filled by hand."""
         inner = "".join(
             f"<div><dt>{html.escape(name)}</dt>"
             + (f"<dd>{html.escape(value)}</dd></div>" if value else '<dd class="blank"></dd></div>')
@@ -50,7 +51,7 @@ class Page:
         self._blocks.append(f'<dl class="head">{inner}</dl>')
 
     def begin_appendix(self) -> None:
-        """What follows is not needed to decide; on paper it begins a page."""
+        """Begin the appendix: it is not needed to decide, and begins a new page on paper."""
         self._blocks.append(f'<h2 class="appendix" id="appendix">{APPENDIX}</h2>')
         self._level = 3
         for title, lines in self._put_off:
@@ -59,7 +60,7 @@ class Page:
         self._put_off = []
 
     def add_items_in_brief(self, title: str, lines: Sequence[str], limit: int = MOST_ITEMS) -> None:
-        """A list under *title*, shortened before the appendix, which then has it in full."""
+        """Add a list under *title*, shortened before the appendix, which then has it in full."""
         if not lines:
             return
         self.add_heading(title)
@@ -71,7 +72,7 @@ class Page:
         self.add_items(items)
 
     def abbreviate(self, title: str, text: str) -> str:
-        """*text*, shortened before the appendix, which then has it in full under *title*."""
+        """Shorten *text* before the appendix, which then has it in full under *title*."""
         if (short := shorten(text)) != text:
             self._put_off.append((title, [text]))
             return f"{short} ({APPENDIX})"
@@ -81,14 +82,14 @@ class Page:
         self._blocks.append(f"<p>{html.escape(text)}</p>")
 
     def add_items(self, lines: Sequence[str]) -> None:
-        """A list of sentences."""
+        """Add a list of sentences."""
         inner = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
         self._blocks.append(f"<ul>{inner}</ul>")
 
     def add_verdict(self, word: str, reason: str, good: bool | None, key: str = "") -> None:
-        """One word that can be read from across the room, and why; None is neither.
+        """Add a word in large letters, and the reason; *good* is None for neither good nor bad.
 
-        *key* is the one sentence that a reader takes with him.
+        *key* is the one sentence that summarises the result.
         """
         kind = {True: "good", False: "bad", None: "neutral"}[good]
         sentence = f'<p class="key">{html.escape(key)}</p>' if key else ""
@@ -103,7 +104,9 @@ class Page:
         rows: Sequence[Sequence[object]],
         faint: Sequence[bool] | None = None,
     ) -> None:
-        """Numbers stand as given: format them beforehand. *faint* rows are greyed."""
+        """Add a table; numbers appear as given, so format them beforehand. *faint* rows
+        are greyed.
+        """
         first = [_get_cell_kind(value) for value in rows[0]] if rows else [""] * len(header)
         head = "".join(
             f"<th{kind}>{html.escape(name)}</th>" if name else "<td></td>"
@@ -115,14 +118,14 @@ class Page:
             for row, mark in zip(rows, marks, strict=True)
         )
         self._blocks.append(
-            # What is wider than a phone scrolls, by the keyboard too.
+            # A table wider than a phone scrolls, also by the keyboard.
             f'<div class="wide" tabindex="0"><table><thead><tr>{head}</tr></thead>'
             f"<tbody>{body}</tbody></table>"
             "</div>"
         )
 
     def add_figure(self, figure: Figure, caption: str) -> None:
-        """A drawing; *caption* says what it shows, also to who cannot see it."""
+        """Add a drawing; *caption* also describes it to readers who cannot see it."""
         self._figures += 1
         picture = make_svg(figure, f"figure {self._figures}", caption)
         self._blocks.append(
@@ -132,9 +135,10 @@ class Page:
     def add_origin(
         self, number: str, inputs: Mapping[str, str], facts: Mapping[str, str] | None = None
     ) -> None:
-        """When, by what and from what the page was made.
+        """Add when, by which software and from which files the page was made.
 
-        *inputs* are names and their SHA-256 in hexadecimal, *facts* whatever else an auditor asks.
+        *inputs* are names and their SHA-256 in hexadecimal, *facts* are further entries for an
+        auditor.
         """
         now = datetime.datetime.now(datetime.UTC)
         self.add_heading("Where it comes from")
@@ -150,7 +154,7 @@ class Page:
             )
 
     def add_signature_lines(self, *roles: str) -> None:
-        """A line for each of *roles* to sign on."""
+        """Add a signature line for each of *roles*."""
         lines = "".join(f"<div>{html.escape(role)}, date, signature</div>" for role in roles)
         self._blocks.append(f'<div class="sign">{lines}</div>')
 
@@ -170,17 +174,20 @@ _NUMBER = re.compile(r"[+\-−]?\d[\d.,]*(e[+-]?\d+)?( ?[^\d\s]{1,3})?")
 
 
 class Long(str):
-    """Text of a table that may be broken anywhere, as a hash or a command."""
+    """Text of a table that may be broken anywhere, like a hash or a command."""
 
 
 def make_report_number(serial: str, *sha256: str) -> str:
-    """The same inputs make the same number: the arm's serial and eight digits of their hashes."""
+    """Make a report number from the arm's serial and eight digits of the inputs' joint hash.
+
+    Equal inputs have equal numbers.
+    """
     digest = hashlib.sha256("".join(sorted(sha256)).encode()).hexdigest()
     return f"{serial}-{digest[:8]}"
 
 
 def shorten(text: str, limit: int = MOST_LETTERS) -> str:
-    """The text, or its beginning where it is longer than *limit* letters."""
+    """Return the text, or its beginning if it is longer than *limit* letters."""
     return text if len(text) <= limit else f"{text[: limit - 1].rstrip()}…"
 
 
@@ -189,7 +196,7 @@ def _format_cell(value: object) -> str:
 
 
 def _get_cell_kind(value: object) -> str:
-    """Text stands left, numbers right; a sign belongs to its number."""
+    """Return the class of a cell: text is aligned left, numbers right, with their signs."""
     if isinstance(value, Long):
         return ' class="text long"'
     number = not isinstance(value, str) or not value or _NUMBER.fullmatch(value)

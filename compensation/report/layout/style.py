@@ -1,4 +1,4 @@
-"""How a page looks: on a screen, on a phone, dark, and on paper."""
+"""The style of a page: on a screen, on a phone, in dark mode, and on paper."""
 
 from __future__ import annotations
 
@@ -54,8 +54,10 @@ figcaption { color: var(--neutral); }
 
 
 def make_footer_style(left_text: str) -> str:
-    """On each printed page: *left_text* (the arm's serial number), the page and the number of
-    pages."""
+    """Make the style of a printed page's footer: *left_text*, the page and the number of pages.
+
+    *left_text* is the arm's serial number.
+    """
     return (
         "@page { size: A4; margin: 16mm 15mm 18mm;"
         f" @bottom-left {{ content: {_escape_css(left_text)}; font: 8pt sans-serif; }}"
@@ -65,7 +67,7 @@ def make_footer_style(left_text: str) -> str:
 
 
 def _escape_css(text: str) -> str:
-    """A string of CSS within HTML: whatever is no letter or digit is written by its number."""
+    """Return a CSS string within HTML; every character but letters and digits is escaped."""
     safe = (
         letter if letter.isascii() and letter.isalnum() else f"\\{ord(letter):06x}"
         for letter in text

@@ -1,4 +1,4 @@
-"""Units and digits by what an arm resolves: a precise arm in µm, a hobby arm in mm."""
+"""Units and digits by the arm's resolution: µm for a precise arm, mm for a hobby arm."""
 
 from __future__ import annotations
 
@@ -8,32 +8,37 @@ from dataclasses import dataclass
 from armd.compensation.model.arm import Arm
 from armd.compensation.wording import ARC_SECOND
 
-#: An arm that resolves less than this speaks of mm, and of degrees.
+#: Reports of an arm with a coarser resolution use mm and degrees.
 COARSE_MM = 0.05
 NOT_KNOWN = "–"
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of a report, and the decimals that mean something in it."""
+    """A unit of a report, and the number of its significant decimals."""
 
     name: str
-    per_base: float  # how many of it one mm, or one radian, is
+    per_base: float  # its number in one mm, or in one radian
     decimals: int
 
     def format_value(self, value: float, sign: str = "") -> str:
-        """A value in mm or rad as a number of this unit; a dash where none is known."""
+        """Format a value in mm or rad as a number of this unit; a dash if it is not known."""
         if not math.isfinite(value):
             return NOT_KNOWN
         return f"{value * self.per_base:{sign}.{self.decimals}f}"
 
     def scale_to(self, *values: float) -> Unit:
-        """This unit, or mm where the largest of *values* (mm) has more than three digits in µm."""
+        """Return this unit, or mm if the largest of *values* (mm) is 1 mm or more.
+
+        Only µm is replaced.
+        """
         large = self.name == "µm" and max(map(abs, values)) >= 1.0
         return Unit("mm", 1.0, 3) if large else self
 
     def to_text(self, value: float, sign: str = "") -> str:
-        """The same with three significant digits and the unit, for a sentence."""
+        """Format a value in mm or rad with three significant digits and the unit, for
+        a sentence.
+        """
         if not math.isfinite(value):
             return "an unknown amount"
         return f"{format_three_digits(value * self.per_base, sign)}\N{NO-BREAK SPACE}{self.name}"
@@ -52,8 +57,10 @@ class Units:
 
 
 def compute_resolution_mm(arm: Arm) -> float:
-    """Return the step of the tip by one count of the coarsest encoder, at half the arm's reach;
-    0 where arm.toml has no encoder."""
+    """Return the step of the tip by one count of the coarsest encoder, at half the arm's reach.
+
+    It is 0 where arm.toml has no encoder.
+    """
     counts = [joint.counts_per_turn for joint in arm.joint if joint.counts_per_turn]
     return math.tau / min(counts) * arm.reach_mm / 2.0 if counts else 0.0
 
@@ -69,7 +76,9 @@ def choose_units(arm: Arm) -> Units:
 
 
 def format_three_digits(value: float, sign: str = "") -> str:
-    """A number with three significant digits, whole ones in full, no exponent."""
+    """Format a number with three significant digits, large ones as integers, without
+    an exponent.
+    """
     if abs(value) < 1e-12:
         return "0"
     decimals = 2 - math.floor(math.log10(abs(value)))

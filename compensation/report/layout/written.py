@@ -1,4 +1,4 @@
-"""A report's page as a file: HTML, and PDF where a Chromium is there to print it."""
+"""Writes a report's page as HTML, and as PDF if a Chromium is installed."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ PRINTING_S = 120.0
 def add_pages(
     parser: argparse.ArgumentParser, description: str = "a report that opens offline"
 ) -> None:
-    """The options --report and --pdf."""
+    """Add the options --report and --pdf."""
     parser.add_argument("--report", metavar="R.html", help=description)
     parser.add_argument("--pdf", metavar="R.pdf", help="the same, printed by an installed Chromium")
 
 
 def list_page_outputs(args: argparse.Namespace) -> dict[str, tuple[str | Path | None, OutputKind]]:
-    """The pages asked for, for `check_outputs`; raises `BadInput` where nothing can print."""
+    """List the pages asked for, for `check_outputs`; raises `BadInput` if --pdf has no browser."""
     if args.pdf and _find_browser() is None:
         expected = f"one of {', '.join(BROWSERS)} on the path; or print the page of --report"
         raise BadInput("command line", "--pdf", "no browser", expected)
@@ -35,7 +35,7 @@ def list_page_outputs(args: argparse.Namespace) -> dict[str, tuple[str | Path | 
 
 
 def write_pages(args: argparse.Namespace, make: Callable[[], str]) -> None:
-    """Write what was asked for; *make* makes the page, and is called only if something was."""
+    """Write the pages asked for; *make* makes the page, and is called only if one is."""
     if args.report or args.pdf:
         console = make_aside(args)
         with console.status("drawing the page …"):
@@ -48,7 +48,9 @@ def write_pages(args: argparse.Namespace, make: Callable[[], str]) -> None:
 
 
 def write_page(path: Path, page: str) -> None:
-    """Write a page to *path*: HTML, or PDF by its suffix; raises `ArmdError` where none prints."""
+    """Write a page to *path*: HTML, or PDF by its suffix; raises `ArmdError` if it cannot be
+    printed.
+    """
     if path.suffix.lower() == ".pdf":
         write_pdf(path, page)
     else:
@@ -56,12 +58,12 @@ def write_page(path: Path, page: str) -> None:
 
 
 def write_pdf(path: Path, page: str) -> None:
-    """Write a page as PDF; raises `ArmdError` where none prints."""
+    """Write a page as PDF; raises `ArmdError` if it cannot be printed."""
     write_whole(path, print_pdf(page) + PDF_MARK)
 
 
 def print_pdf(page: str) -> bytes:
-    """The page as PDF; raises `ArmdError` where the browser makes none."""
+    """Return the page as PDF; raises `ArmdError` without a browser, or if it makes none."""
     browser = _find_browser()
     if browser is None:
         raise ArmdError(f"no PDF: none of {', '.join(BROWSERS)} is on the path")

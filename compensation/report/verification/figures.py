@@ -13,17 +13,17 @@ from armd.compensation.verify.limits import PermissibleErrors
 from armd.compensation.verify.results import Deviation
 from armd.compensation.verify.verdict import COVERAGE_FACTOR, Judged
 
-#: More placements than colours that can be told apart.
+#: The most placements with a colour and a name of their own.
 MOST_NAMED = 7
 SIDE_IN = 3.0
-#: Placements at one length stand beside each other, over this share of the longest.
+#: Placements at one length are drawn side by side, over this share of the longest length.
 APART = 0.08
-#: A limit so many times what was found would make a dot of it.
+#: A limit more than this many times the largest deviation is not drawn.
 FAR = 4.0
 
 
 def draw_lengths(item: Judged, limits: PermissibleErrors | None, unit: Unit) -> Figure:
-    """Errors over length with ± U, a colour for each placement, within the band of the MPE."""
+    """Draw errors over length with ± U, a colour for each placement, within the band of the MPE."""
     figure, panel = make_single_figure(3.1)
     deviations = item.figure.deviations
     longest = max(deviation.length_mm for deviation in deviations)
@@ -55,7 +55,10 @@ def draw_lengths(item: Judged, limits: PermissibleErrors | None, unit: Unit) -> 
 
 
 def draw_rosettes(item: Judged, unit: Unit) -> Figure | None:
-    """Each seat's readings about their mean, from above and from the side; None without points."""
+    """Draw each seat's readings about their mean, from above and from the side.
+
+    Returns None if there are no points.
+    """
     seats = [deviation for deviation in item.figure.deviations if deviation.offsets_mm is not None]
     if not seats:
         return None
@@ -78,7 +81,9 @@ def draw_rosettes(item: Judged, unit: Unit) -> Figure | None:
 
 
 def draw_sphere_form(item: Judged, unit: Unit) -> Figure | None:
-    """Each sphere seen from its pole: how far each point lies off the fitted sphere."""
+    """Draw each sphere seen from its pole, with the distance of each point from the
+    fitted sphere.
+    """
     spheres = [
         deviation for deviation in item.figure.deviations if deviation.offsets_mm is not None
     ]
@@ -129,7 +134,9 @@ def _draw_circle(panel: Axes, radius: float, colour: str, line: str) -> None:
 
 
 def _measure_from_pole(offsets_mm: F64) -> tuple[F64, F64]:
-    """Points (n, 2) by direction and angle from the pole in degrees, and mm off the sphere."""
+    """Return points (n, 2) by direction and angle from the pole in degrees, and mm off
+    the sphere.
+    """
     distance = np.linalg.norm(offsets_mm, axis=1)
     pole = offsets_mm.mean(axis=0)
     pole = pole / max(float(np.linalg.norm(pole)), 1e-12)

@@ -17,10 +17,9 @@ from armd.compensation.verify.figures import BLOCK, TESTS
 from armd.compensation.verify.verdict import COVERAGE_FACTOR, NOT_STATED, Judged, Verdict
 from armd.terminal.counted import format_count
 
-#: The figures of both standards.
-#: Those of the standards; a gauge block against its certificate is one more.
+#: The figures of both standards; a gauge block against its certificate is not one of them.
 ALL_FIGURES = sum(len(keys) for keys in TESTS if keys != (BLOCK,))
-#: Stands where a result has no certified length.
+#: The sign for a result without a certified length.
 NO_LENGTH = "–"
 
 
@@ -31,7 +30,10 @@ def make_verification_report(
     files: Mapping[str, InputFile | None],
     about: About | None = None,
 ) -> str:
-    """HTML text of the report; *files*: arm, calibration and limits, None where there is none."""
+    """Make the report as HTML text.
+
+    *files* are arm, calibration and limits, None if there is none.
+    """
     page, unit = (
         Page(f"Verification of arm {arm.serial_number}", arm.serial_number),
         _choose_unit(arm),
@@ -74,7 +76,7 @@ def _add_lengths(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None
 
 
 def _draw(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
-    """The drawing that suits the figure, if one says more than its table."""
+    """Add the drawing that suits the figure, if it shows more than its table."""
     name = item.figure.name
     if item.figure.key == "spat_max" and (figure := figures.draw_rosettes(item, unit)):
         caption = f"{name}: each articulation about the mean of its seat; dashed: the MPE"
@@ -109,7 +111,7 @@ def _add_verdict(page: Page, verdict: Verdict, unit: Unit) -> None:
 
 
 def _write_key_sentence(verdict: Verdict, unit: Unit) -> str:
-    """What decides: the figure nearest its limit, or farthest beyond it."""
+    """Describe the deciding figure: the one nearest its limit, or farthest beyond it."""
     decided = [item for item in verdict.judged if item.limit_mm]
     failed = [item for item in decided if item.outcome != "conforms"]
     if not decided:

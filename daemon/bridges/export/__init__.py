@@ -1,1 +1,1 @@
-"""Measurements as files that other programs open."""
+"""Export measurements to files that other programs can open."""

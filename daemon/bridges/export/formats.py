@@ -1,4 +1,4 @@
-"""The formats of an export, by the suffix that chooses one."""
+"""The formats of an export; the file's suffix chooses one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from armd.daemon.bridges.export.source import MeasurementLine
 from armd.daemon.bridges.export.tables import as_csv, as_ply, as_xyz
 from armd.daemon.bridges.tips import Tips
 
-#: Each with how a file of its kind is known that was written before.
+#: Suffix → a test whether the first bytes are those of an earlier export in this format.
 WRITTEN_BEFORE: dict[str, Callable[[bytes], bool]] = {
     ".csv": lambda head: head.startswith(b"stamp_ns,x_mm,y_mm,z_mm,"),
     ".xyz": lambda head: len(head.split(b"\n")[0].split()) == 6,
@@ -19,7 +19,7 @@ WRITTEN_BEFORE: dict[str, Callable[[bytes], bool]] = {
 
 
 def as_text(suffix: str, measurements: Sequence[MeasurementLine], tips: Tips, serial: str) -> str:
-    """The whole file; *suffix* is one of `WRITTEN_BEFORE`."""
+    """Return the whole file as text; *suffix* is one of `WRITTEN_BEFORE`."""
     match suffix:
         case ".csv":
             return as_csv(measurements, tips)

@@ -1,6 +1,6 @@
-"""A recording once more, in the schemas that Foxglove draws: tip, frames, measured balls, events.
+"""Convert a recording to the schemas that Foxglove draws: tip, frames, measured balls, events.
 
-Importing it needs the package foxglove-sdk, which nothing else does.
+Importing this module needs the package foxglove-sdk; nothing else in armd needs it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from armd.files.writing import replace_file
 
 M_PER_MM = 1e-3
 BLUE = (0.12, 0.47, 0.71, 1.0)
-#: In a drawing a tip of no stated size is still to be seen.
+#: A tip without a known radius must stay visible in the picture.
 SMALLEST_RADIUS_MM = 0.5
 
 #: Foxglove's time stamps hold 32 bits of seconds.
@@ -66,9 +66,9 @@ Content = TypeVar("Content", bound=BaseModel)
 
 
 def write_foxglove(recording: Recording, path: Path) -> tuple[int, int]:
-    """Write *path* whole; how many points and measurements are drawn in it.
+    """Write *path* and return the numbers of points and measurements written.
 
-    Raises `BadInput` for a damaged recording.
+    Raises `BadInput` for a damaged recording. The file appears whole or not at all.
     """
     info = read_info(recording)
     serial = info["arm"]["serial_number"]
@@ -115,7 +115,7 @@ def _read(recording: Recording, topic_key: str, data: Any, model: type[Content])
 
 
 class _Drawing:
-    """Of one arm; metres in the frame `SERIAL_base`."""
+    """The Foxglove messages of one arm, in metres, in the frame `SERIAL_base`."""
 
     def __init__(self, serial: str, tips: Tips) -> None:
         self._base, self._tip = f"{serial}_base", f"{serial}_tip"
@@ -140,7 +140,7 @@ class _Drawing:
         )
 
     def ball(self, measured: _Measured) -> schemas.SceneUpdate:
-        """It stays where it was measured."""
+        """Return a scene with the tip's ball, which stays where it was measured."""
         x, y, z = measured.position_mm or (0.0, 0.0, 0.0)
         radius_mm = max(self._tips.get(measured.tip).radius_mm, SMALLEST_RADIUS_MM)
         side = 2 * radius_mm * M_PER_MM

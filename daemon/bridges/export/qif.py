@@ -1,4 +1,4 @@
-"""Measurements as QIF 3.0 Results (ANSI/QIF 3.0, ISO 23952): a measured point each.
+"""Measurements as QIF 3.0 Results (ANSI/QIF 3.0, ISO 23952), one measured point each.
 
 Elements and their order are those of QIFDocument.xsd, QIFResults.xsd and Features.xsd
 (`PointFeatureMeasurementType`): feature name, time stamp, device, location, normal.
@@ -22,9 +22,10 @@ DEVICE_ID, RESULTS_ID, FIRST_POINT_ID = 1, 2, 3
 
 
 def as_qif(measurements: Sequence[MeasurementLine], tips: Tips, serial: str) -> str:
-    """Those that have a position, in mm, base frame; combined standard uncertainties where known.
+    """Return a QIF document with every measurement that has a position (mm, base frame).
 
-    The inspection's status is UNKNOWN: nothing was judged.
+    Combined standard uncertainties are written where they are known. The inspection's status is
+    UNKNOWN, because nothing was judged.
     """
     points = [m for m in measurements if m.position_mm is not None]
     last_id = FIRST_POINT_ID + len(points) - 1
@@ -75,7 +76,7 @@ def _point(features: Element, identity: int, number: int, m: MeasurementLine, ti
 
 
 def _instant(stamp_ns: int) -> str:
-    """xs:dateTime, UTC, to the nanosecond."""
+    """Format an instant as xs:dateTime, in UTC, to the nanosecond."""
     second = datetime.datetime.fromtimestamp(stamp_ns // 10**9, datetime.UTC)
     return f"{second:%Y-%m-%dT%H:%M:%S}.{stamp_ns % 10**9:09d}Z"
 

@@ -1,4 +1,4 @@
-"""Measurements to export: from files of JSON lines, from a recording, or from a running daemon."""
+"""Read measurements to export: JSON lines, a table, a recording, or a running daemon."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ COLUMNS = (
     "buttons", "trigger", "tip", "calibration", "tip_x_mm", "tip_y_mm", "tip_z_mm", "tip_radius_mm",
     "serial",
 )  # fmt: skip
-#: Before the name of a sensor that is called like one of the columns, or like a joint's.
+#: Prefix for a sensor whose name is also the name of a column or of a joint's column.
 CLASH = "temperature_"
 
 
@@ -53,7 +53,7 @@ Bits = Annotated[int, Field(ge=0, lt=1 << 32)]
 
 
 def _is_whole(text: str) -> str:
-    text.encode()  # half a character, which JSON may have, raises a `ValueError`
+    text.encode()  # JSON may hold half a surrogate pair, which raises a `ValueError` here
     return text
 
 
@@ -61,7 +61,7 @@ WholeText = Annotated[str, AfterValidator(_is_whole)]
 
 
 class MeasurementLine(BaseModel):
-    """One line as `armd/<serial>/measurement` has it; what later versions add is kept."""
+    """One measurement as on `armd/<serial>/measurement`, with unknown keys of later versions."""
 
     model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
 
@@ -82,16 +82,16 @@ class MeasurementLine(BaseModel):
     buttons: Bits = 0
     trigger: WholeText = ""
     tip: WholeText | None = None
-    #: In the last frame, and of the ball, as they were then; lines of before do not tell.
+    #: Offset in the last joint's frame and the ball's radius then; older lines lack both.
     tip_offset_mm: Vector | None = None
     tip_radius_mm: float | None = None
     calibration: WholeText | None = None
-    serial: WholeText | None = None  # of the arm; lines of before do not tell
+    serial: WholeText | None = None  # of the arm; older lines lack it
 
 
 @dataclass
 class Measurements:
-    """What was found, the oldest first."""
+    """The measurements that were read, the oldest first."""
 
     measurements: list[MeasurementLine] = field(default_factory=list)
     serial: str = ""
@@ -103,8 +103,11 @@ class Measurements:
 
 
 def from_path(path: Path) -> Measurements:
-    """A file of JSON lines, a measurement log's folder, a recording, or a table that `armd export`
-    wrote; raises `BadInput`."""
+    """Read measurements from a file or a folder; raises `BadInput`.
+
+    *path* is a file of JSON lines, a measurement log's folder, a recording, a table that `armd
+    export` wrote, or a table of points.
+    """
     if path.is_dir():
         files = list_log_files(path)
         if not files:
@@ -123,7 +126,7 @@ def from_path(path: Path) -> Measurements:
 
 
 def from_arm(arm: Arm) -> Measurements:
-    """Those of the past that a running daemon still has: the last thousand."""
+    """Ask a running daemon for its past measurements; it keeps the last thousand."""
     source_key = f"armd/{arm.serial}/{keys.MEASUREMENT}"
     measurements = [
         _measurement(source_key, "an answer", line) for line in arm.past(keys.MEASUREMENT)
@@ -143,7 +146,7 @@ def _from_lines(files: Iterable[Path], serial: str) -> Measurements:
                 location = f"line {number}: {error.key}"
                 raise BadInput(path, location, error.description, "it once") from error
             except (ValueError, RecursionError) as error:
-                # The log ends a torn line before it goes on, so it may stand anywhere.
+                # After a crash the log ends the torn line and continues: it may be anywhere.
                 if not _is_torn(line):
                     expected = "a measurement as JSON"
                     raise BadInput(path, f"line {number}", str(error), expected) from error
@@ -156,13 +159,16 @@ def _from_lines(files: Iterable[Path], serial: str) -> Measurements:
 
 
 def _is_torn(line: bytes) -> bool:
-    """Whether a line that cannot be read may have been one: its beginning, or the zeros that some
-    file systems have after a power cut."""
+    """Return whether an unreadable line may be a measurement that was cut short.
+
+    It then begins with `{`, or consists of the zeros that some file systems leave after a power
+    cut.
+    """
     return line.startswith(b"{") or not line.strip(b"\0")
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Number from 1 and content; empty lines are passed over."""
+    """Yield the number (from 1) and the content of each line that is not empty."""
     with open_input(path) as file:
         for number, line in enumerate(file, 1):
             if line.strip():
@@ -183,8 +189,11 @@ def _from_recording(path: Path) -> Measurements:
 
 
 def read_info(recording: Recording) -> dict[str, Any]:
-    """The recorded daemon's `info`; raises `BadInput` where it does not name the arm and its tips.
-    (A replay reads more of it, and checks that itself.)"""
+    """Return the recorded daemon's `info`.
+
+    Raises `BadInput` where it does not name the arm and its tips. (A replay reads more of it, and
+    checks that itself.)
+    """
     if not names_arm_and_tips(recording.info):
         location = f"{recording.path}: {INFO_ATTACHMENT}"
         problem, expected = (
@@ -196,7 +205,10 @@ def read_info(recording: Recording) -> dict[str, Any]:
 
 
 def _from_table(path: Path) -> Measurements:
-    """Of what `tables.as_csv` wrote; covariances have lost what is off their diagonal."""
+    """Read a table that `tables.as_csv` wrote, or a table of points alone.
+
+    Covariances have only their diagonal; the table does not store the rest.
+    """
     with open_input(path) as file:
         rows = csv.DictReader(io.TextIOWrapper(file, encoding="utf-8-sig", newline=""))
         try:
@@ -218,7 +230,7 @@ def _from_table(path: Path) -> Measurements:
 
 
 def _of_points(path: Path) -> list[MeasurementLine]:
-    """Of a table of points alone, in its order: nothing else is known of them."""
+    """Read a table of points alone, in its order; nothing else is known of them."""
     positions = read_points(path).position_mm.tolist()
     return [
         MeasurementLine(seq=number, stamp_ns=number, position_mm=(x, y, z), flags=0)
@@ -227,14 +239,16 @@ def _of_points(path: Path) -> list[MeasurementLine]:
 
 
 def _joint_columns(names: Container[str], letter: str) -> list[str]:
-    """Those of all joints, from 1 on."""
+    """Return the columns of all joints with this letter, from 1 on."""
     numbered = (f"{letter}{k}" for k in itertools.count(1))
     return list(itertools.takewhile(names.__contains__, numbered))
 
 
 def _sensor_columns(path: Path, names: Sequence[str]) -> list[str]:
-    """The columns after all that a table has by name: the sensors' temperatures, whatever they are
-    called; raises `BadInput` for an unknown column before them."""
+    """Return the sensors' columns, which follow the last column with a known name.
+
+    Raises `BadInput` for an unknown column before that one.
+    """
     joints = [*_joint_columns(names, "q"), *_joint_columns(names, "w")]
     column_names = {*COLUMNS, *APPROACH, *joints}
     last = max(i for i, name in enumerate(names) if name in column_names)
@@ -246,13 +260,16 @@ def _sensor_columns(path: Path, names: Sequence[str]) -> list[str]:
 
 
 def _of_row(row: dict[str, str], sensors: Sequence[str]) -> dict[str, Any]:
-    """A row of a table as its measurement, temperatures from the columns *sensors*; raises
-    `ValueError` for what is no number, or not as many cells as the header has."""
-    if None in row or None in row.values():  # of csv: cells too many, cells too few
+    """Convert a row of a table to the data of a measurement; temperatures are in *sensors*.
+
+    Raises `ValueError` for text that is not a number, or for more or fewer cells than the header
+    has.
+    """
+    if None in row or None in row.values():  # csv's marks for too many and for too few cells
         raise ValueError("a row with more or fewer cells than the header")
 
     def numbers(names: Iterable[str]) -> list[float] | None:
-        """None unless all of them are known."""
+        """Return the numbers in these columns; None unless all are known."""
         texts = [row.get(name) or "" for name in names]
         return [float(text) for text in texts] if texts and all(texts) else None
 
@@ -293,6 +310,6 @@ def _measurement(path: str | Path, location: str, data: Any) -> MeasurementLine:
 
 
 def _in_order(measurements: Iterable[MeasurementLine]) -> list[MeasurementLine]:
-    """By time; one that a source has twice, once."""
+    """Sort measurements by time, and keep one of those that a source has twice."""
     by_time = {(m.stamp_ns, m.seq): m for m in measurements}
     return [by_time[key] for key in sorted(by_time)]

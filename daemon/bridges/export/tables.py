@@ -16,9 +16,10 @@ UNKNOWN = (math.nan,) * 3
 
 
 def as_csv(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
-    """Every measurement, those without a position with empty fields; angles in rad, °C.
+    """Return every measurement as CSV; angles are in rad, temperatures in °C.
 
-    The names of joints and sensors are those of a session's readings: `armd correct` reads them.
+    A measurement without a position has empty fields. Joints and sensors are named as in a
+    session's readings, so that `armd correct` can read the table.
     """
     joints = max((len(m.angles_rad or ()) for m in measurements), default=0)
     sensors = list(dict.fromkeys(name for m in measurements for name in m.temperatures_c))
@@ -62,7 +63,7 @@ def as_csv(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
 
 
 def as_xyz(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
-    """A line `x y z nx ny nz` each, mm: what CloudCompare, MeshLab and Open3D read as .xyz."""
+    """Return a line `x y z nx ny nz` (mm) for each point, for CloudCompare, MeshLab, Open3D."""
     return "".join(
         " ".join(_numbers((*m.position_mm, *_normal(m, tips)), 6)) + "\n"
         for m in measurements
@@ -71,7 +72,7 @@ def as_xyz(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
 
 
 def as_ply(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
-    """ASCII PLY: position in mm, normal, uncertainty of the position in mm, flags."""
+    """Return ASCII PLY: position in mm, normal, uncertainty of the position in mm, flags."""
     rows = [
         " ".join(
             [*_numbers((*m.position_mm, *_normal(m, tips)), 6), f"{_norm(m):.6f}", str(m.flags)]
@@ -94,14 +95,14 @@ def as_ply(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
 
 
 def compute_direction(m: MeasurementLine, tips: Tips) -> Sequence[float]:
-    """Unit vector out of the material; NaN where neither travel nor orientation is known."""
+    """Return the unit vector out of the material; NaN if travel and orientation are unknown."""
     if m.approach is None and m.orientation is None:
         return UNKNOWN
     return tips.out_of_material(m.model_dump())
 
 
 def compute_uncertainty_mm(m: MeasurementLine) -> Sequence[float]:
-    """Standard uncertainties of x, y, z; NaN without a calibration's covariance."""
+    """Return standard uncertainties of x, y, z; NaN without a calibration's covariance."""
     if m.covariance_mm2 is None:
         return UNKNOWN
     xx, _, _, yy, _, zz = m.covariance_mm2
@@ -113,7 +114,7 @@ def _norm(m: MeasurementLine) -> float:
 
 
 def _normal(m: MeasurementLine, tips: Tips) -> Sequence[float]:
-    """Zero where it is not known: readers of clouds take nan for a broken file."""
+    """Return the direction, or zero if it is unknown: point cloud readers reject nan."""
     normal = compute_direction(m, tips)
     return (0.0, 0.0, 0.0) if math.isnan(normal[0]) else normal
 

@@ -1,6 +1,6 @@
 """The methods of every version: sessions, errors, daemons, the user, positions and hits.
 
-A method takes the dialogue and the command, and gives the data lines of its answer, or `Pending`.
+A method takes the dialogue and the command, and returns the data lines of its answer, or `Pending`.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def stop_motion(dialogue: Dialogue, command: Command) -> Answer:
 
 def set_move_report(dialogue: Dialogue, command: Command) -> Answer:
     if not EVENT_TAG.fullmatch(command.tag):
-        raise DmeError(502)  # its reports need a tag that goes on
+        raise DmeError(502)  # its reports need an event tag
     report = make_move_report(command.tag, command.args, both_needed=is_2_5(dialogue))
     if dialogue.move_report is not None:
         raise DmeError(515)
@@ -140,7 +140,7 @@ def stop_all_daemons(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def move_home(dialogue: Dialogue, command: Command) -> Answer:
-    """Absolute encoders: done at once, if there is an arm whose joints are known."""
+    """Answer at once, as the encoders are absolute; error 1005 unless all joints are known."""
     require_nothing(command.args)
     dialogue.user_enabled = False
     if not dialogue.machine.homed:
@@ -183,7 +183,7 @@ def set_point_report(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def set_scan_report(dialogue: Dialogue, command: Command) -> Answer:
-    """Accepted, as hosts set it at their start; an arm does not scan."""
+    """Accept the command, because hosts send it at their start; an arm does not scan."""
     parse_names(command.args, SCAN)
     return ()
 
@@ -195,7 +195,7 @@ def get(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def measure_point(dialogue: Dialogue, command: Command) -> Answer:
-    """A nominal point of the host's: the operator's next hit is the answer."""
+    """Answer with the operator's next hit near the host's nominal point."""
     nominal = _nominal(command.args)
     tool = dialogue.machine.toolbox.current
     if not tool.measures:
@@ -218,7 +218,7 @@ def measure_point(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def _nominal(args: tuple[Arg, ...]) -> dict[str, float]:
-    """Coordinates by axis; raises `DmeError`."""
+    """Return the nominal coordinates by axis; raises `DmeError`."""
     if not args:
         raise DmeError(502)
     values: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""What 2.5 has beyond 1.4.3, and the table of methods of each version."""
+"""The methods that 2.5 adds to 1.4.3, and the table of methods of each version."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from armd.daemon.bridges.ippdme.grammar import (
 )
 from armd.daemon.bridges.ippdme.report import MOTION
 
-#: Known only to say no.
+#: Commands that only answer with an error: they are not listed as supported.
 UNSUPPORTED = ("ReQualify",)
 _SIX = dict.fromkeys(commands_csy.NAMES, "float")
 #: Arguments and their types (2.5, table 2) of the commands that have any.
@@ -40,7 +40,7 @@ _ARGUMENTS: tuple[tuple[str, dict[str, str]], ...] = (
     ("GetSupportedArguments", {"CommandName": "string"}),
 )
 ARGUMENTS = {name: args for names, args in _ARGUMENTS for name in names.split()}
-#: What a sensor that is broken reads.
+#: The temperature that a broken sensor reports.
 DEFECT_C = -273.0
 
 
@@ -50,7 +50,7 @@ def get_supported_commands(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def get_supported_arguments(dialogue: Dialogue, command: Command) -> Answer:
-    """Name and type of each."""
+    """Answer with the name and the type of each argument of a command."""
     name = require_text(command.args)
     if name not in dialogue.methods or name in UNSUPPORTED:
         raise DmeError(506)
@@ -61,7 +61,7 @@ def get_supported_arguments(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def list_name_spaces(dialogue: Dialogue, command: Command) -> Answer:
-    """No commands of armd's own."""
+    """Answer with nothing: armd has no commands of its own."""
     require_nothing(command.args)
     return ()
 
@@ -72,7 +72,7 @@ def list_mover_axes(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def get_temperature_sensors(dialogue: Dialogue, command: Command) -> Answer:
-    """All of them are the machine's, and corrected for."""
+    """List the sensors: all belong to the machine, which corrects for them."""
     require_nothing(command.args)
     return [
         f"Name({format_quoted(name)}), Kind(CMM), CMMTempCorrection(1)"

@@ -47,14 +47,14 @@ def get_csy_transformation(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def save_active(dialogue: Dialogue, command: Command) -> Answer:
-    """The part's coordinate system under a name."""
+    """Save the part's coordinate system under a name."""
     systems = dialogue.machine.systems
     systems.save_named(require_text(command.args), systems.get("PartCsy"))
     return ()
 
 
 def load(dialogue: Dialogue, command: Command) -> Answer:
-    """A named one becomes the part's, and is selected."""
+    """Make a named coordinate system the part's, and select it."""
     systems = dialogue.machine.systems
     systems.set("PartCsy", systems.find_named(require_text(command.args)))
     systems.select("PartCsy")

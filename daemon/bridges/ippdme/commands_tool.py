@@ -32,7 +32,7 @@ def find_tool(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def set_tool(dialogue: Dialogue, command: Command) -> Answer:
-    """The daemon is asked for the tip, if it is another."""
+    """Use a tool; ask the daemon for its tip if another tip is in use."""
     machine = dialogue.machine
     tool = machine.toolbox.get(require_text(command.args))
     dialogue.user_enabled = False
@@ -43,7 +43,7 @@ def set_tool(dialogue: Dialogue, command: Command) -> Answer:
         dialogue.report_now()
         return ()
     before = machine.toolbox.current
-    machine.toolbox.use(tool)  # at once, so that the arm's own event says nothing new
+    machine.toolbox.use(tool)  # at once, so that the arm's own event reports no change
     pending = Pending()
 
     def settle(done: bool) -> None:
@@ -60,7 +60,7 @@ def set_tool(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def get_change_tool_action(dialogue: Dialogue, command: Command) -> Answer:
-    """A person changes it wherever the arm is."""
+    """Answer that a person changes the tool wherever the arm is."""
     toolbox = dialogue.machine.toolbox
     tool = toolbox.get(require_text(command.args))
     if tool is toolbox.current:
@@ -71,8 +71,11 @@ def get_change_tool_action(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def refuse_qualification(dialogue: Dialogue, command: Command) -> Answer:
-    """Who answers this without an error has qualified the tool anew (6.3.2): armd does that with
-    `armd measure tip` and a calibration, never from here."""
+    """Answer with an error: a tool cannot be qualified from here.
+
+    An answer without an error would mean that the tool is qualified again (6.3.2). armd does that
+    with `armd measure tip` and a calibration.
+    """
     require_nothing(command.args)
     if not dialogue.machine.toolbox.current.measures:
         raise DmeError(507)
@@ -81,7 +84,7 @@ def refuse_qualification(dialogue: Dialogue, command: Command) -> Answer:
 
 # --- 2.5: which tool, and collections of them ------------------------------------------------
 
-#: The one collection, below the root: it holds every tool by its own name.
+#: The only collection, below the root: it holds every tool by its own name.
 COLLECTION = "Tools"
 
 
@@ -96,7 +99,7 @@ def get_selected_tool(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def is_alignable(dialogue: Dialogue, command: Command) -> Answer:
-    """A person turns the probe; the host cannot."""
+    """Answer no: a person turns the probe, the host cannot."""
     require_nothing(command.args)
     return ["IsAlignable(0)"]
 
@@ -108,7 +111,7 @@ def list_tool_collection(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def list_all_tool_collections(dialogue: Dialogue, command: Command) -> Answer:
-    """The same, and what is below: as paths from the collection asked for."""
+    """List a collection and all below it, as paths from the collection asked for."""
     names = dialogue.machine.toolbox.names
     if _collection(command.args):
         return [f'{format_quoted(name)}, "Tool"' for name in names]
@@ -117,13 +120,16 @@ def list_all_tool_collections(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def open_tool_collection(dialogue: Dialogue, command: Command) -> Answer:
-    """Its names are those of the tools already."""
+    """Check the path and do nothing: names in the collection are the tools' names already."""
     _collection(command.args)
     return ()
 
 
 def _collection(args: tuple[Arg, ...]) -> bool:
-    """Whether the path is the collection's, not the root's (`/`); raises `DmeError` for others."""
+    """Return whether the path is the collection's, not the root's (`/`).
+
+    Raises `DmeError` for other paths.
+    """
     path = [part for part in require_text(args).split("/") if part]
     if path not in ([], [COLLECTION]):
         raise DmeError(1504)
@@ -145,11 +151,11 @@ def get_prop(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def set_prop(dialogue: Dialogue, command: Command) -> Answer:
-    """Clamps what is out of range, and warns of it."""
+    """Set properties; clamp a value that is out of range, and warn."""
     if not command.args:
         raise DmeError(502)
     settings = [_setting(arg) for arg in command.args]
-    for name, _ in settings:  # all of them can be set, or none is
+    for name, _ in settings:  # raises before anything is set
         _property(dialogue, name)
     clamped = False
     for name, value in settings:
@@ -198,7 +204,7 @@ def _setting(arg: Arg) -> tuple[str, float]:
 
 
 def _property(dialogue: Dialogue, name: str) -> str:
-    """Its value as written; raises `DmeError` for one that is none."""
+    """Return a property's value as text; raises `DmeError` for an unknown property."""
     if is_2_5(dialogue) and name.startswith("Part."):
         value = dialogue.machine.part.get(name.removeprefix("Part."))
         if value is None:
@@ -213,13 +219,16 @@ def _property(dialogue: Dialogue, name: str) -> str:
         return format_decimal(tool.radius_mm)
     if below == "Alignment":
         if name.startswith("FoundTool.") and not is_2_5(dialogue):
-            raise DmeError(510)  # 1.4.3 gives a direction to the tool in use alone
+            raise DmeError(510)  # 1.4.3 gives a direction only to the tool in use
         return ", ".join(format_decimal(value, 6) for value in dialogue.machine.alignment())
     return format_decimal(tool.number(below))
 
 
 def _tool_and_name(dialogue: Dialogue, name: str) -> tuple[Tool, str]:
-    """`Tool.PtMeasPar.Speed`: the tool in use, and what follows."""
+    """Split `Tool.PtMeasPar.Speed` into the tool in use and the name that follows.
+
+    `FoundTool` is the selected tool; raises `DmeError` for another head.
+    """
     head, _, below = name.partition(".")
     toolbox = dialogue.machine.toolbox
     if head == "Tool":
@@ -230,7 +239,10 @@ def _tool_and_name(dialogue: Dialogue, name: str) -> tuple[Tool, str]:
 
 
 def _bare(name: str) -> str:
-    """2.5 writes a name of letters and digits, a letter first, without quotation marks."""
+    """Write a tool's name as 2.5 does.
+
+    A name of letters and digits, a letter first, has no quotation marks.
+    """
     is_name = name.isascii() and name.isalnum() and name[0].isalpha()
     return name if is_name else format_quoted(name)
 

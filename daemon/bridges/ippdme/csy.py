@@ -25,12 +25,15 @@ MACHINE = "MachineCsy"
 MOST_MM = 1e6
 #: From the machine outwards; a selected one includes all before it.
 CHAIN = ("MultipleArmCsy", "MoveableMachineCsy", "PartCsy")
-#: They exist as transformations only.
+#: They can be set and read, but not selected.
 OTHERS = ("JogDisplayCsy", "JogMoveCsy", "SensorCsy")
 
 
 class Transformation(NamedTuple):
-    """As the standard writes it: origin of the child in its parent in mm, angles in degrees."""
+    """A rigid transformation as the standard writes it.
+
+    The origin of the child in its parent is in mm, angles are in degrees.
+    """
 
     x0: float = 0.0
     y0: float = 0.0
@@ -40,7 +43,7 @@ class Transformation(NamedTuple):
     phi: float = 0.0
 
     def rotation(self) -> F64:
-        """R (3, 3) of p' = R (p − p0)."""
+        """Return R (3, 3) of p' = R (p − p0)."""
         angles = np.radians([self.theta, self.psi, self.phi])
         (c1, c2, c3), (s1, s2, s3) = np.cos(angles), np.sin(angles)
         return np.array(
@@ -56,8 +59,11 @@ class Transformation(NamedTuple):
         return np.array([self.x0, self.y0, self.z0])
 
     def checked(self) -> Transformation:
-        """Psi and Phi within a turn; raises `DmeError` for a Theta that is none, and for an origin
-        so far away that no position is left of a double's digits."""
+        """Return this with Psi and Phi within one turn.
+
+        Raises `DmeError` for a Theta outside 0 to 180°, and for an origin so far away that a double
+        has no digits left for positions.
+        """
         if not 0.0 <= self.theta <= 180.0:
             raise DmeError(1007)
         if max(map(abs, (self.x0, self.y0, self.z0))) > MOST_MM:
@@ -70,7 +76,7 @@ Six = Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
 
 
 class Saved(Strict):
-    """The file that outlives the process."""
+    """The content of the file that keeps the settings over a restart."""
 
     schema_: Literal["armd.ippdme/1"] = Field(alias="schema")
     selected: Selectable = "MachineCsy"
@@ -79,17 +85,20 @@ class Saved(Strict):
 
 
 def locate_state_file(serial: str) -> Path:
-    """Of the arm that is served."""
+    """Return the path of the state file of the arm that is served."""
     return find_state_folder() / f"ippdme-{serial}.json"
 
 
 class CoordinateSystems:
-    """The client's settings, on disk before the client reads that they are made."""
+    """The client's settings, written to disk before the client gets an answer."""
 
     def __init__(self, path: Path) -> None:
-        """A damaged file is set aside under another name: nothing that a host has sent, and no
-        crash, may prevent a start. `lost` then says so until a host has been told, because it
-        must not measure on in another coordinate system than it believes in."""
+        """Load the settings; rename a damaged file and start without any.
+
+        Neither what a host has sent nor a crash may prevent a start. `lost` then describes the loss
+        until a host has been told: it must not continue to measure in a coordinate system that is
+        gone.
+        """
         self._path = path
         self.lost: str | None = None
         saved = Saved(schema="armd.ippdme/1")
@@ -106,7 +115,7 @@ class CoordinateSystems:
         self._compose()
 
     def select(self, name: str) -> None:
-        """Raises `DmeError` for a name that is none, or cannot be selected."""
+        """Select a system; raises `DmeError` for an unknown or unselectable name."""
         if name in OTHERS:
             raise DmeError(506)
         if name != MACHINE and name not in CHAIN:
@@ -119,7 +128,7 @@ class CoordinateSystems:
         return self._transformations.get(name, Transformation())
 
     def set(self, name: str, transformation: Transformation) -> None:
-        """Raises `DmeError` for a name or an angle that is none."""
+        """Set a transformation; raises `DmeError` for an unknown name or an invalid angle."""
         self.get(name)
         changed = {**self._transformations, name: transformation.checked()}
         self._change(transformations=changed)
@@ -128,7 +137,7 @@ class CoordinateSystems:
         self._change(named={**self.named, name: transformation.checked()})
 
     def delete_named(self, name: str) -> None:
-        """Raises `DmeError` for a name that is not there."""
+        """Delete a named transformation; raises `DmeError` for an unknown name."""
         self.find_named(name)
         self._change(named={k: v for k, v in self.named.items() if k != name})
 
@@ -138,12 +147,12 @@ class CoordinateSystems:
         return self.named[name]
 
     def position(self, base_mm: F64) -> F64:
-        """A point (3,) of the base frame in the selected coordinate system, mm."""
+        """Convert a point (3,) of the base frame to the selected coordinate system, mm."""
         position: F64 = self._rotation @ base_mm + self._shift
         return position
 
     def direction(self, base: F64) -> F64:
-        """A vector (3,) likewise."""
+        """Convert a vector (3,) of the base frame to the selected coordinate system."""
         direction: F64 = self._rotation @ base
         return direction
 
@@ -153,7 +162,10 @@ class CoordinateSystems:
         transformations: dict[str, Transformation] | None = None,
         named: dict[str, Transformation] | None = None,
     ) -> None:
-        """On disk first; raises `DmeError` and changes nothing if that fails."""
+        """Write the new settings to disk, then use them.
+
+        Raises `DmeError` and changes nothing if writing fails.
+        """
         selected = selected or self.selected
         transformations = self._transformations if transformations is None else transformations
         named = self.named if named is None else named
@@ -172,7 +184,10 @@ class CoordinateSystems:
         self._compose()
 
     def _compose(self) -> None:
-        """Of the base frame to the selected system: p' = rotation · p + shift."""
+        """Compute the transformation from the base frame to the selected system.
+
+        It is p' = rotation · p + shift.
+        """
         self._rotation, self._shift = np.eye(3), np.zeros(3)
         links = () if self.selected == MACHINE else CHAIN[: CHAIN.index(self.selected) + 1]
         for name in links:

@@ -23,16 +23,19 @@ from armd.daemon.bridges.ippdme.report import (
     format_fields,
 )
 
-#: Commands that may wait behind one that takes its time.
+#: Commands that may wait behind one that is not finished.
 MOST_WAITING = 100
-#: What goes through although an error stands.
+#: Commands that are carried out although an error is active.
 IN_ERROR = ("GetErrStatusE", "GetXtdErrStatus", "ClearAllErrors", "AbortE")
 WITHOUT_SESSION = ("StartSession", "EndSession")
 EVENT = "E0000"
 
 
 class Pending:
-    """What a method answers that cannot be done at once; settled once, later calls do nothing."""
+    """The answer of a method that cannot finish at once.
+
+    It is settled once; later calls of `settle` do nothing.
+    """
 
     def __init__(self) -> None:
         self._then: Callable[[list[str] | DmeError], None] | None = None
@@ -54,9 +57,9 @@ Method = Callable[["Dialogue", Command], Answer]
 
 
 class Dialogue:
-    """One for each connection; of all of them one at most is in session.
+    """The dialogue of one connection; at most one of all connections is in session.
 
-    Two hosts that set coordinate systems and tools for each other would both be wrong.
+    Two hosts that set coordinate systems and tools for each other would both measure wrongly.
     """
 
     def __init__(
@@ -66,7 +69,7 @@ class Dialogue:
         version: str,
         send: Callable[[str], None],
     ) -> None:
-        """*send* takes a line without its CR LF and never waits."""
+        """Begin a dialogue; *send* takes a line without its CR LF and never waits."""
         self.machine = machine
         self.methods = methods
         self.version = version
@@ -88,7 +91,7 @@ class Dialogue:
     # --- what the client says ----------------------------------------------------------------
 
     def receive(self, line: str) -> None:
-        """A line of the client's, without its CR LF."""
+        """Handle a line of the client's, without its CR LF."""
         try:
             command = parse(line)
         except SyntaxFault as fault:
@@ -100,7 +103,7 @@ class Dialogue:
         unfinished = len(self._waiting) + (self._running is not None)
         self._reply(command.tag, "&")
         if self._may_be_event(command.method):
-            self._do(command)  # out of turn
+            self._do(command)  # it does not wait for its turn
         elif unfinished >= MOST_WAITING:
             self._fail(command.tag, command.method, DmeError(0), "%")
         else:
@@ -108,13 +111,16 @@ class Dialogue:
             self._go_on()
 
     def end(self) -> None:
-        """The connection is gone, which ends the session."""
+        """Handle a lost connection, which ends the session."""
         self._waiting.clear()
         self._running = self.hit = None
         self.end_session()
 
     def _may_be_event(self, method: str) -> bool:
-        """2.5 names its daemon without the E as well."""
+        """Return whether the method may have an event tag.
+
+        Its name ends with E; 2.5 also has its daemon without the E.
+        """
         return method.endswith("E") or (method == "OnMoveReport" and method in self.methods)
 
     def _refuse(self, fault: SyntaxFault) -> None:
@@ -154,9 +160,9 @@ class Dialogue:
         return method(self, command)
 
     def _finish(self, command: Command, outcome: list[str] | DmeError) -> None:
-        """A pending command is done, or has failed."""
+        """Answer a pending command that is done or has failed."""
         if self._running is None or self._running[0] is not command:
-            return  # aborted meanwhile: answered already
+            return  # it was aborted, and answered then
         self._running = None
         if isinstance(outcome, DmeError):
             self._fail(command.tag, command.method, outcome, "%")
@@ -167,7 +173,7 @@ class Dialogue:
         self._go_on()
 
     def _fail(self, tag: str, method: str, error: DmeError, then: str | None = None) -> None:
-        """Tell an error; one that blocks ends all that is unfinished."""
+        """Report an error; a blocking one aborts all unfinished commands."""
         self._reply(tag, f"! {format_error(error, method)}")
         if then is not None:
             self._reply(tag, then)
@@ -176,19 +182,19 @@ class Dialogue:
             self._abort_unfinished()
 
     def abort(self) -> None:
-        """AbortE: daemons live on, all else waits for ClearAllErrors."""
+        """Carry out AbortE: daemons continue, other commands are refused until ClearAllErrors."""
         self._abort_unfinished()
         self.errors.append((DmeError(6), "AbortE"))
 
     def answer_errors(self, tag: str, lines: Iterable[str]) -> None:
-        """Data lines, then the errors that stand, as GetXtdErrStatus of 1.4.3 tells them."""
+        """Send data lines, then the active errors, as GetXtdErrStatus of 1.4.3 does."""
         for data in lines:
             self._reply(tag, f"# {data}")
         for error, method in self.errors:
             self._reply(tag, f"! {format_error(error, method)}")
 
     def _abort_unfinished(self) -> None:
-        """0006 to every command that is not done yet, in their order."""
+        """Answer every unfinished command with 0006, in their order."""
         unfinished = [self._running[0]] if self._running is not None else []
         unfinished += self._waiting
         self._waiting.clear()
@@ -201,13 +207,13 @@ class Dialogue:
         self._send(f"{tag} {text}")
 
     def warn(self, command: Command, error: DmeError) -> None:
-        """An error that blocks nothing, before the method's own data."""
+        """Report an error that blocks nothing, before the method's own data."""
         self._fail(command.tag, command.method, error)
 
     # --- sessions and states -----------------------------------------------------------------
 
     def start_session(self) -> None:
-        """Raises `DmeError` if there is one, this client's or another's."""
+        """Start a session; raises `DmeError` if this or another client has one."""
         if self.machine.in_session is not None:
             raise DmeError(8)
         self.machine.in_session = self
@@ -219,7 +225,7 @@ class Dialogue:
             self.take_error(DmeError(1013), "StartSession")
 
     def end_session(self) -> None:
-        """Without one it does nothing."""
+        """End the session; without one, only clear the dialogue's state."""
         self.move_report = None
         self.user_enabled = False
         self.errors.clear()
@@ -229,7 +235,7 @@ class Dialogue:
     # --- what the arm does -------------------------------------------------------------------
 
     def take_measurement(self, measurement: Mapping[str, Any]) -> None:
-        """A press or a rest, as it happens: a hit, if it has a position and is wanted."""
+        """Report a press or a rest as a hit, if it has a position and the host wants it."""
         own_key = measurement["seq"] in self._own_keys
         self._own_keys.clear()
         if measurement["position_mm"] is None or own_key or not self.in_session:
@@ -243,38 +249,38 @@ class Dialogue:
             self._tell(f"PtMeas({format_list(format_fields(self.report, fields))})")
 
     def take_key(self, key: str, seq: int) -> None:
-        """A button that is a key of the host's: its measurement is none."""
+        """Report a button that is a key of the host's; its measurement is not a hit."""
         self._own_keys.add(seq)
         if self.in_session and self.user_enabled:
             self._tell(f"KeyPress({format_quoted(key)})")
 
     def take_tool(self, name: str) -> None:
-        """Changed at the arm."""
+        """Report a tool that was changed at the arm."""
         if self.in_session:
             self._tell(f"ChangeTool({format_quoted(name)})")
             self.report_now()
 
     def take_error(self, error: DmeError, place: str) -> None:
-        """The arm has a fault that the host did not ask for."""
+        """Report a fault of the arm that no command caused."""
         if self.in_session:
             self._fail(EVENT, place, error)
 
     def tick(self, now_s: float) -> None:
-        """Several times a second: reports of motion."""
+        """Report motion if it is due; called several times a second."""
         report = self.move_report
         if report is None or not self.in_session:
             return
         try:
             position = self.machine.position()
         except DmeError:
-            return  # told otherwise; a place that is not known is not reported
+            return  # an unknown position is not reported; the error is reported elsewhere
         if report.is_due(now_s, position):
             x, y, z = position.tolist()
             coordinates = {"X": (x,), "Y": (y,), "Z": (z,)}
             self._reply(report.tag, f"# {format_list(format_fields(report.fields, coordinates))}")
 
     def report_now(self) -> None:
-        """What is reported has changed without motion: coordinate system or tool."""
+        """Make the next motion report due: coordinate system or tool changed."""
         if self.move_report is not None:
             self.move_report.hurry()
 

@@ -1,8 +1,8 @@
-"""The standard's errors: number, default severity, text, letter for letter (1.4.3 and 2.5)."""
+"""The standard's errors: number, default severity, exact text (1.4.3 and 2.5)."""
 
 from __future__ import annotations
 
-#: From this severity on nothing goes through until ClearAllErrors.
+#: An error of this severity or above blocks commands until ClearAllErrors.
 BLOCKING = 2
 
 #: number → (severity, text)
@@ -71,7 +71,7 @@ TABLE: dict[int, tuple[int, str]] = {
 
 
 class DmeError(Exception):
-    """One row of the table, raised by whoever carries out a method."""
+    """One row of the table, raised by code that carries out a method."""
 
     def __init__(self, number: int) -> None:
         self.number = number

@@ -49,7 +49,7 @@ class Word:
 
 @dataclass(frozen=True)
 class Property:
-    """`X()`, `X(1.5)`, `Tool.PtMeasPar.Speed(20)`."""
+    """A property such as `X()`, `X(1.5)`, `Tool.PtMeasPar.Speed(20)`."""
 
     name: str
     values: tuple[Arg, ...] = ()
@@ -69,10 +69,10 @@ class Command:
 
 
 class SyntaxFault(Exception):
-    """A line that is none of the grammar's.
+    """A line that does not follow the grammar.
 
-    `tag` is None where the line has none that is legal; `method` is its name as far as it can be
-    told, else the line itself, as it may stand in a string.
+    `tag` is None where the line has no legal tag. `method` is the method's name if it could be
+    read, else the line itself in a form that a string can hold.
     """
 
     def __init__(self, number: int, tag: str | None, method: str) -> None:
@@ -83,7 +83,7 @@ class SyntaxFault(Exception):
 
 
 def parse(line: str) -> Command:
-    """A line without its CR LF; raises `SyntaxFault`."""
+    """Parse a line without its CR LF; raises `SyntaxFault`."""
     tag = line[:5] if TAG.fullmatch(line[:5]) else None
     if _ILLEGAL.search(line):
         raise SyntaxFault(7, tag, _as_string(line))
@@ -105,7 +105,7 @@ def parse(line: str) -> Command:
 
 
 def parse_number(text: str) -> float | None:
-    """Its value, always finite; None if it is no number of the grammar's."""
+    """Return a number's value, always finite; None if the grammar does not allow it."""
     match = _NUMBER.fullmatch(text)
     if match is None or len(match[1].replace(".", "")) > DIGITS:
         return None
@@ -114,7 +114,7 @@ def parse_number(text: str) -> float | None:
 
 
 class _Reader:
-    """Reads arguments from a place in a line on."""
+    """Reads arguments of a line from an offset on."""
 
     def __init__(self, text: str, start: int, in_property: bool = False) -> None:
         self._text = text
@@ -122,7 +122,7 @@ class _Reader:
         self._in_property = in_property
 
     def arguments(self) -> tuple[Arg, ...]:
-        """`( … )`; raises ValueError."""
+        """Read `( … )`; raises ValueError."""
         self._take(_OPEN)
         if self._try(_CLOSE):
             return ()
@@ -146,7 +146,7 @@ class _Reader:
             return value
         name = self._take(_NAME)[0]
         if _OPEN.match(self._text, self._offset):
-            # A property of properties is none of the grammar's: nothing is read deeper than this.
+            # The grammar has no property within a property, so this limits the depth.
             if self._in_property:
                 raise ValueError("a property within a property")
             inner = _Reader(self._text, self._offset, in_property=True)
@@ -170,11 +170,14 @@ class _Reader:
         return match
 
 
-# --- writing: the form that strict parsers and simple-minded hosts both read -----------------
+# --- writing: the form that strict parsers and simple hosts both read ------------------------
 
 
 def format_decimal(value: float, places: int = 5) -> str:
-    """Fixed point, at most 16 digits, never −0; with an exponent where more digits were needed."""
+    """Format in fixed point, with at most 16 digits and never −0.
+
+    A number that needs more digits has an exponent.
+    """
     if abs(value) >= 10**DIGITS:
         return f"{value:.{DIGITS - 1}e}"
     text = f"{value:.{places}f}"
@@ -185,34 +188,34 @@ def format_decimal(value: float, places: int = 5) -> str:
 
 
 def format_quoted(text: str) -> str:
-    """Between quotation marks."""
+    """Return the text between quotation marks."""
     return f'"{_as_string(text)}"'
 
 
 def format_list(parts: dict[str, str]) -> str:
-    """`X(1.00000), Y(2.00000)`: each part's arguments are written already."""
+    """Return `X(1.00000), Y(2.00000)`; each part's arguments are already formatted."""
     return ", ".join(f"{name}({written})" for name, written in parts.items())
 
 
 def _as_string(text: str) -> str:
-    """What a string of the grammar can hold of it: at least one character."""
+    """Return the text that a string of the grammar can hold: at least one character."""
     legal = _ILLEGAL.sub("?", text.replace('"', "#"))
     return legal[:200] or " "
 
 
 def require_nothing(args: tuple[Arg, ...]) -> None:
-    """Raises `DmeError` if there are arguments."""
+    """Check that there are no arguments; raises `DmeError`."""
     if args:
         raise DmeError(502)
 
 
 def require_text(args: tuple[Arg, ...]) -> str:
-    """The one string; raises `DmeError`."""
+    """Return the only argument, a string; raises `DmeError`."""
     return _take_single(args, Text).value
 
 
 def require_word(args: tuple[Arg, ...]) -> str:
-    """The one bare word; raises `DmeError`."""
+    """Return the only argument, a bare word; raises `DmeError`."""
     return _take_single(args, Word).value
 
 

@@ -1,4 +1,4 @@
-"""The arm as a measuring machine: where it is, what it measured, which tool it carries."""
+"""The arm as a measuring machine: its position, its measurements, and its active tool."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.ippdme.tools import Toolbox
 from armd.daemon.bridges.tips import Tips, compute_shaft
 
-#: Without a point for this long the arm is out of reach.
+#: Without a point for this long, the arm counts as disconnected.
 SILENT_S = 1.0
 
 SelectTip = Callable[[str, Callable[[bool], None]], None]
@@ -24,7 +24,7 @@ SelectTip = Callable[[str, Callable[[bool], None]], None]
 
 
 class Machine:
-    """One for all clients; knows no network and no dialogue."""
+    """The measuring machine, one for all clients, without network and dialogue."""
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class Machine:
         reach_mm: float = math.inf,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """*reach_mm*: no tip is ever further from the base frame's origin."""
+        """Create the machine; no tip is further than *reach_mm* from the base frame's origin."""
         self.tips = tips
         self.toolbox = toolbox
         self.systems = systems
@@ -51,7 +51,7 @@ class Machine:
         self._lost = True
 
     def note_point(self, point: np.void) -> None:
-        """The latest one of `POINT`."""
+        """Store the latest point, a record of `POINT`."""
         self._heard_s = self._clock()
         if int(point["flags"]) & Flag.INVALID:
             self._point = None
@@ -60,25 +60,28 @@ class Machine:
 
     @property
     def in_reach(self) -> bool:
-        """Points arrive."""
+        """Whether points arrive."""
         return self._clock() - self._heard_s < SILENT_S
 
     @property
     def homed(self) -> bool:
-        """Its joints are known: points arrive, and are valid."""
+        """Whether the joints are known: points arrive, and are valid."""
         return self.in_reach and self._point is not None
 
     def just_lost(self) -> bool:
-        """Once for each time that points stop."""
+        """Return True once each time that points stop arriving."""
         before, self._lost = self._lost, not self.in_reach
         return self._lost and not before
 
     def position(self) -> F64:
-        """Of the ball's centre now, in the selected coordinate system; raises `DmeError`."""
+        """Return the ball's centre now, in the selected coordinate system; raises `DmeError`."""
         return self.systems.position(self._valid_point()[0])
 
     def alignment(self) -> F64:
-        """Unit vector of the shaft from tip to wrist likewise."""
+        """Return the shaft's unit vector from tip to wrist, in the selected coordinate system.
+
+        Raises `DmeError`.
+        """
         orientation = self._valid_point()[1]
         tip = self.toolbox.current.tip or self.tips.get(None)
         return self.systems.direction(np.array(compute_shaft(orientation, tip)))
@@ -91,14 +94,14 @@ class Machine:
         return self._point
 
     def check_reach(self, nominal: Mapping[str, float]) -> None:
-        """Raises `DmeError` if no tip can be where *nominal* (coordinates by axis) says."""
+        """Check that a tip can be at *nominal* (coordinates by axis); raises `DmeError`."""
         x, y, z = self.systems.position(np.zeros(3)).tolist()
         base = {"X": x, "Y": y, "Z": z}
         if math.hypot(*(value - base[axis] for axis, value in nominal.items())) > self.reach_mm:
             raise DmeError(1008)
 
     def hit(self, measurement: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
-        """A measurement's fields as OnPtMeasReport names them; it must have a position."""
+        """Return a measurement's fields as OnPtMeasReport names them; it must have a position."""
         position = self.systems.position(np.array(measurement["position_mm"]))
         out = self.systems.direction(np.array(self.tips.out_of_material(measurement)))
         x, y, z = position.tolist()

@@ -1,4 +1,4 @@
-"""What is reported of a hit, of a motion or of an error, and when."""
+"""Reports of a hit, of a motion or of an error: their content and their timing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ReportedFields = Mapping[str, tuple[float, ...]]
 
 MOTION = ("X", "Y", "Z")
 HIT = (*MOTION, "IJK", "ER", "Q")
-#: Says whether IJK is measured (0), nominal or the tool's direction.
+#: IJKAct is 0 for a measured IJK, else it is nominal or the tool's direction.
 HIT_2_5 = (*HIT, "IJKAct")
 SCAN = (*HIT, "R")
 #: At most ten reports a second.
@@ -23,13 +23,13 @@ _PLACES = {"IJK": 6, "Q": 0, "IJKAct": 0}
 
 
 def format_error(error: DmeError, method: str) -> str:
-    """`Error(3, 0501, "GoTo", "Unsupported command")`."""
+    """Return an error as `Error(3, 0501, "GoTo", "Unsupported command")`."""
     method, text = format_quoted(method), format_quoted(error.text)
     return f"Error({error.severity}, {error.number:04d}, {method}, {text})"
 
 
 def format_fields(names: Sequence[str], fields: ReportedFields) -> dict[str, str]:
-    """Those that were asked for, in that order."""
+    """Return the requested fields as text, in the order of *names*."""
     return {
         name: ", ".join(format_decimal(value, _PLACES.get(name, 5)) for value in fields[name])
         for name in names
@@ -37,7 +37,7 @@ def format_fields(names: Sequence[str], fields: ReportedFields) -> dict[str, str
 
 
 def parse_names(args: Sequence[Arg], allowed: Sequence[str]) -> tuple[str, ...]:
-    """The names of `X(), Y(), …`; raises `DmeError` for one that is none, or stands twice."""
+    """Return the names of `X(), Y(), …`; raises `DmeError` for an unknown or repeated one."""
     if not args:
         raise DmeError(502)
     names = []
@@ -54,7 +54,7 @@ def parse_names(args: Sequence[Arg], allowed: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass
 class MoveReport:
-    """A daemon: reports when *time_s* are over or the tip is further than *distance_mm* away."""
+    """A daemon that reports after *time_s*, or when the tip moved more than *distance_mm*."""
 
     tag: str
     fields: tuple[str, ...]
@@ -64,7 +64,7 @@ class MoveReport:
     _last_mm: F64 | None = None
 
     def hurry(self) -> None:
-        """The next one is due as soon as one may be."""
+        """Make the next report due as soon as the shortest interval is over."""
         self._last_mm = None
 
     def is_due(self, now_s: float, position_mm: F64) -> bool:
@@ -85,7 +85,7 @@ class MoveReport:
 
 
 def make_move_report(tag: str, args: Sequence[Arg], both_needed: bool) -> MoveReport:
-    """Of `OnMoveReportE(Time(1), Dis(20), X(), …)`; raises `DmeError`."""
+    """Make the daemon of `OnMoveReportE(Time(1), Dis(20), X(), …)`; raises `DmeError`."""
     limits: dict[str, float] = {}
     fields = []
     for arg in args:

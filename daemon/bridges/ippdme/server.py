@@ -1,4 +1,7 @@
-"""The network side: clients by TCP, the arm by Zenoh, both on one loop that never waits."""
+"""The network side: clients by TCP, the arm by Zenoh, both on one event loop.
+
+Nothing on the loop blocks.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +32,9 @@ from armd.errors import BadInput
 from armd.printable import to_printable
 
 TICK_S = 0.02
-#: Buttons of the arm, from 0, that are keys of the host's instead of a hit.
+#: The arm's buttons (from 0) that act as keys of the host and make no hit.
 KEYS = {1: "Done", 2: "Del"}
-#: Events of the daemon that are errors of a machine: kind → number, and its place.
+#: The daemon's events that are errors of a machine: kind → error number, and where it occurred.
 FAULTS: dict[str, tuple[int, Callable[[Mapping[str, Any]], str]]] = {
     "joint_invalid": (2503, lambda event: f"encoder{event['detail'].get('joint', '')}"),
     "count_jump": (2502, lambda event: f"encoder{event['detail'].get('joint', '')}"),
@@ -39,7 +42,7 @@ FAULTS: dict[str, tuple[int, Callable[[Mapping[str, Any]], str]]] = {
 
 
 class Connection(Client):
-    """One client's socket: bytes to lines, lines to bytes."""
+    """One client's socket, which converts between bytes and lines."""
 
     def __init__(self, machine: Machine, version: str, all_of_them: set[Connection]) -> None:
         super().__init__()
@@ -59,7 +62,7 @@ class Connection(Client):
         for line in lines:
             if not self.connected:
                 return
-            # A line that ends without CR keeps its LF, which the grammar then refuses.
+            # A line that ends without CR keeps its LF, so that the grammar refuses it.
             text = line[:-1] if line.endswith(b"\r") else line + b"\n"
             if len(text) > LONGEST:
                 self._too_long()
@@ -86,10 +89,13 @@ class DmeServer:
         self._aliases = aliases
         self._connections: set[Connection] = set()
         self._uptime_s = 0.0
-        self._tasks: set[asyncio.Task[None]] = set()  # asyncio itself keeps no hold of them
+        self._tasks: set[asyncio.Task[None]] = set()  # asyncio keeps only weak references
 
     async def serve(self, address: Address) -> None:
-        """Until cancelled."""
+        """Serve clients at *address* until cancelled.
+
+        Raises `BadInput` for an alias of an unknown tip.
+        """
         info = await run_in_thread(self._arm.info)
         tips = Tips(info)
         for alias, tip in self._aliases.items():
@@ -152,7 +158,7 @@ class DmeServer:
         if kind == "button":
             self._take_keys(name_keys(detail.get("buttons", [])), detail.get("seq", 0))
         elif kind == "tip" and "tip" in detail:
-            if detail.get("offset_mm") is not None:  # calibrated anew, maybe
+            if detail.get("offset_mm") is not None:  # it may have been calibrated again
                 tip = CmmTip(parse_vector(detail["offset_mm"]), detail["radius_mm"])
                 self._machine.toolbox.renew(detail["tip"], tip)
             self._note_tip(detail["tip"])
@@ -169,7 +175,7 @@ class DmeServer:
 
     def _take_health(self, health: dict[str, Any]) -> None:
         self._machine.temperatures_c = health["temperatures"]
-        if health["uptime_s"] < self._uptime_s:  # a new daemon, which told no event of its tip
+        if health["uptime_s"] < self._uptime_s:  # a restarted daemon sends no event of its tip
             self._note_tip(health["tip"])
         self._uptime_s = health["uptime_s"]
 
@@ -193,14 +199,20 @@ class DmeServer:
 
 
 def compute_reach_mm(info: Mapping[str, Any], tips: Tips) -> float:
-    """All links in one line, with the longest tip; 1 % for what a calibration makes of them."""
+    """Return the length of all links in one line with the longest tip.
+
+    One per cent is added, for the changes that a calibration makes.
+    """
     links = sum(abs(joint["a_mm"]) + abs(joint["d_mm"]) for joint in info["arm"]["joint"])
     longest = max(math.hypot(*tip.offset_mm) for tip in tips.by_name.values())
     return float(1.01 * (links + longest))
 
 
 def name_keys(buttons: list[int]) -> list[str]:
-    """The host's names of buttons that went down together; none if the first is among them."""
+    """Return the host's names of buttons that were pressed together.
+
+    The list is empty if the first button is among them.
+    """
     if not buttons or 0 in buttons:
         return []
     return [KEYS.get(button, f"F{button - len(KEYS)}") for button in buttons]

@@ -1,7 +1,7 @@
 """Tools: RefTool (the calibration's own tip), NoTool, and the tips of armd.toml, with aliases.
 
-A manual arm drives nowhere, but hosts read and set speeds and distances all the same, so every
-tool has them: Min ≤ Act ≤ Max, Def what Act is at first.
+A manual arm does not drive, but hosts read and set speeds and distances all the same. So every tool
+has them: Min ≤ Act ≤ Max, and Def is the initial value of Act.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ PARTS = ("Act", "Def", "Max", "Min")
 
 @dataclass
 class Tool:
-    """One tool, by the name the host knows it by."""
+    """One tool, with the name that the host uses."""
 
     name: str
     tip_name: str | None
@@ -55,7 +55,7 @@ class Tool:
         return 0.0 if self.tip is None else self.tip.radius_mm
 
     def number(self, name: str) -> float:
-        """`PtMeasPar.Speed`, `PtMeasPar.Speed.Max`; raises `DmeError` for a name that is none."""
+        """Return `PtMeasPar.Speed` or `PtMeasPar.Speed.Max`; raises `DmeError`."""
         key, part = self._find(name)
         low, high, default = _limits(key)
         if part == "Act":
@@ -63,7 +63,10 @@ class Tool:
         return {"Min": low, "Max": high, "Def": default}[part]
 
     def set_number(self, name: str, value: float) -> bool:
-        """Whether *value* was within the limits; if not, the nearer limit is set."""
+        """Set a number, clamped to its limits; return whether *value* was within them.
+
+        Raises `DmeError` for an unknown name.
+        """
         key, part = self._find(name)
         if part != "Act":
             raise DmeError(510)
@@ -72,7 +75,7 @@ class Tool:
         return low <= value <= high
 
     def _find(self, name: str) -> tuple[str, str]:
-        """`PtMeasPar.Speed` and `Act`."""
+        """Split a name into `PtMeasPar.Speed` and `Act`; raises `DmeError`."""
         if not self.measures:
             raise DmeError(507)
         words = name.split(".")
@@ -92,9 +95,10 @@ def _limits(key: str) -> tuple[float, float, float]:
 
 
 def list_tool_properties(block: str) -> Iterator[tuple[str, str]]:
-    """Names below `Tool` (block "") or `Tool.PtMeasPar` (block "PtMeasPar"), dotted, with types.
+    """Yield the names below a block, dotted, with their types.
 
-    Those without a dot are the block's own. Raises `DmeError` for a block that is none.
+    The block is `Tool` (block "") or `Tool.PtMeasPar` (block "PtMeasPar"). Names without a dot are
+    the block's own. Raises `DmeError` for an unknown block.
     """
     if block == "":
         yield from (("Name", "String"), ("Id", "String"), ("AvrRadius", "Number"))
@@ -114,10 +118,13 @@ def list_tool_properties(block: str) -> Iterator[tuple[str, str]]:
 
 
 class Toolbox:
-    """All tools, and the one in use; host and operator both change it."""
+    """All tools and the one in use, which both host and operator change."""
 
     def __init__(self, tips: Tips, aliases: Mapping[str, str], tip_name: str | None) -> None:
-        """*aliases* by the host's name → the tip's, or RefTool; *tip_name* is the one in use."""
+        """Collect the tools; *tip_name* is the tip in use.
+
+        *aliases* maps the host's name to a tip's name, or to RefTool.
+        """
         self._by_name: dict[str, Tool] = {}
         self._add(REF_TOOL, None, tips.get(None))
         self._add(NO_TOOL, None, None)
@@ -140,7 +147,7 @@ class Toolbox:
         return list(self._by_name)
 
     def get(self, name: str) -> Tool:
-        """Raises `DmeError` if there is none of that name, or none that can be used."""
+        """Return the tool of a name; raises `DmeError` for an unknown or unusable one."""
         if name == UNDEF_TOOL:
             raise DmeError(1503)
         if name not in self._by_name:
@@ -148,7 +155,7 @@ class Toolbox:
         return self._by_name[name]
 
     def renew(self, tip_name: str | None, tip: CmmTip) -> None:
-        """A tip as it is now known, or one that is new."""
+        """Replace the data of a tip, or add a new tip."""
         for tool in self._by_name.values():
             if tool.measures and tool.tip_name == tip_name:
                 tool.tip = tip
@@ -159,14 +166,14 @@ class Toolbox:
         self.current = tool
 
     def note_tip(self, tip_name: str | None) -> Tool | None:
-        """The arm measures with this tip now: the tool, if it is another than before."""
+        """Note the tip that the arm uses now; return its tool if it has changed."""
         if self.current.measures and self.current.tip_name == tip_name:
             return None
         self.current = self._by_tip(tip_name)
         return self.current
 
     def _by_tip(self, tip_name: str | None) -> Tool:
-        """By an alias if it has one: that is the name the host knows."""
+        """Return the tool of a tip, by its alias if it has one: the host knows that name."""
         names = [*self._aliases, *self._by_name]
         tools = (self._by_name[name] for name in names)
         matching = (tool for tool in tools if tool.measures and tool.tip_name == tip_name)

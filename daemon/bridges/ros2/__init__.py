@@ -1,5 +1,5 @@
-"""Native ROS 2 topics without ROS: the dialect of rmw_zenoh (docs/how-to/ros2.md).
+"""Native ROS 2 topics without ROS, in the protocol of rmw_zenoh (docs/how-to/ros2.md).
 
-`messages` is what is said, `dialect` how it is addressed, `node` who says it, `bridge` when;
-`urdf` draws the arm.
+`messages` encodes the content, `node` holds topics and their addresses, `bridge` decides when to
+publish. `urdf` describes the arm.
 """

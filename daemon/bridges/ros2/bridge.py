@@ -20,9 +20,9 @@ from armd.daemon.bridges.ros2 import messages
 from armd.daemon.bridges.ros2.node import Quality, RosNode
 
 POLL_S = 0.005
-#: Health comes every second; without it for so long the diagnostics say so.
+#: Health comes every second; without it for this long, the diagnostics report STALE.
 STALE_S = 3.0
-#: A router that is not reached for so long is told of, and how often that it is waited for.
+#: Time until an unreachable router is reported, and the period of the reminders.
 GONE_S, WAITING_S = 3.0, 60.0
 LEVELS = {
     "READY": messages.OK,
@@ -37,7 +37,7 @@ RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor":
 
 @dataclass(frozen=True)
 class Settings:
-    """Of the command line."""
+    """The settings of the command line."""
 
     router: str
     domain: int
@@ -47,7 +47,7 @@ class Settings:
 
 
 class Slots:
-    """Lets the first of each period through, by the points' own time."""
+    """Lets the first point of each period pass, by the points' own time."""
 
     def __init__(self, rate_hz: float) -> None:
         self._per_ns = rate_hz * 1e-9
@@ -62,7 +62,7 @@ class Slots:
 
 
 class Bridge:
-    """From one arm to one ROS domain."""
+    """Publishes one arm in one ROS domain."""
 
     def __init__(self, arm: Arm, settings: Settings) -> None:
         self._arm = arm
@@ -74,7 +74,7 @@ class Bridge:
         self._link = RouterLink(settings.router)
 
     async def serve(self) -> None:
-        """Waits for the router for ever, and says so; then until cancelled."""
+        """Wait for the router without limit, with messages; then publish until cancelled."""
         session = await _told_of(
             run_in_thread(lambda: open_client(self._settings.router)), self._settings.router
         )
@@ -84,7 +84,7 @@ class Bridge:
             close_soon(session)
 
     async def _serve(self, session: zenoh.Session) -> None:
-        # Kept: Zenoh takes a token away with the object that declared it.
+        # Keep a reference: Zenoh withdraws a token with the object that declared it.
         self._node = RosNode(session, self._settings.domain, self._settings.namespace)
         self._declare(self._node)
         loop = asyncio.get_running_loop()
@@ -128,7 +128,7 @@ class Bridge:
         self._tf_static.put(messages.encode_transform(time.time_ns(), "world", frame, *origin))
 
     def _tell_points(self, points: np.ndarray[Any, np.dtype[np.void]]) -> None:
-        """Invalid ones are not told: NaN upsets viewers."""
+        """Publish valid points; invalid ones are skipped, because NaN upsets viewers."""
         for point in points[(points["flags"] & Flag.INVALID) == 0]:
             stamp_ns = int(point["stamp_ns"])
             if not self._point_slots.opens(stamp_ns):
@@ -159,7 +159,7 @@ class Bridge:
             self._measurement.put(message)
 
     def _as_pose(self, measurement: dict[str, Any]) -> bytes | None:
-        """None without a position, or with a time that ROS cannot write."""
+        """Encode a measurement; None without a position or a time that ROS can write."""
         stamp_ns = measurement["stamp_ns"]
         if measurement["position_mm"] is None or not messages.has_ros_time(stamp_ns):
             return None
@@ -203,7 +203,7 @@ class Bridge:
 
 
 class RouterLink:
-    """Says on standard error when the router is gone, and when it is back."""
+    """Reports on standard error when the router is gone, and when it is back."""
 
     def __init__(self, router: str) -> None:
         self._router = router
@@ -227,7 +227,7 @@ class RouterLink:
 
 
 async def _told_of(opening: asyncio.Future[zenoh.Session], router: str) -> zenoh.Session:
-    """What *opening* gives; meanwhile a person is told what is waited for."""
+    """Wait for *opening* and return its session; meanwhile messages say so."""
     patience_s = GONE_S
     while not (await asyncio.wait({opening}, timeout=patience_s))[0]:
         warn(f"router {router}: no connection yet, still waiting: is rmw_zenohd running there?")
@@ -236,7 +236,7 @@ async def _told_of(opening: asyncio.Future[zenoh.Session], router: str) -> zenoh
 
 
 def open_client(router: str) -> zenoh.Session:
-    """A session of its own with the ROS router, apart from the arm's; waits for it for ever."""
+    """Open a session with the ROS router, separate from the arm's; wait without limit."""
     config = zenoh.Config()
     for key, value in {
         "mode": "client",
@@ -257,7 +257,7 @@ def to_metres(position_mm: Sequence[float]) -> list[float]:
 
 
 def to_square_metres(covariance_mm2: Sequence[float] | None) -> list[float] | None:
-    """None where it is not known."""
+    """Convert a covariance to m²; None if it is unknown."""
     if covariance_mm2 is None or not all(map(math.isfinite, covariance_mm2)):
         return None
     return [value * 1e-6 for value in covariance_mm2]

@@ -40,18 +40,18 @@ HEADER = b"\x00\x01\x00\x00"
 
 
 def has_ros_time(stamp_ns: int) -> bool:
-    """Whether the seconds of a ROS time, 32 bits and signed, can hold it."""
+    """Return whether the seconds of a ROS time, 32 bits and signed, can hold the stamp."""
     return abs(stamp_ns) < 10**9 << 31
 
 
 @dataclass
 class Cdr:
-    """Appends fields; alignment counts from behind the four bytes of the header."""
+    """Appends fields; alignment counts from the end of the header's four bytes."""
 
     data: bytearray = field(default_factory=lambda: bytearray(HEADER))
 
     def put(self, letter: str, *values: float) -> None:
-        """Numbers of one kind (`struct`'s letter), each aligned to its own size."""
+        """Append numbers of one kind (`struct`'s letter), each aligned to its own size."""
         size = struct.calcsize(f"<{letter}")
         self.data += bytes(-(len(self.data) - len(HEADER)) % size)
         self.data += struct.pack(f"<{len(values)}{letter}", *values)
@@ -62,7 +62,7 @@ class Cdr:
         self.data += encoded
 
     def doubles(self, values: Sequence[float]) -> None:
-        """An unbounded sequence; an empty one has no padding behind its count."""
+        """Append an unbounded sequence; an empty one has no padding behind its count."""
         self.put("I", len(values))
         if values:
             self.put("d", *values)
@@ -88,7 +88,10 @@ def encode_pose(
     orientation: Sequence[float],
     covariance_m2: Sequence[float] | None,
 ) -> bytes:
-    """*covariance_m2* xx xy xz yy yz zz; None writes −1 first, ROS's word for not known."""
+    """Encode a pose; *covariance_m2* is xx xy xz yy yz zz.
+
+    None writes −1 as the first element, which is ROS's mark for an unknown covariance.
+    """
     matrix = [0.0] * 36
     if covariance_m2 is None:
         matrix[0] = -1.0
@@ -104,7 +107,7 @@ def encode_pose(
 def encode_joint_state(
     stamp_ns: int, names: Sequence[str], angles_rad: Sequence[float], rates: Sequence[float]
 ) -> bytes:
-    """*rates* rad/s, or none at all."""
+    """Encode joint angles and *rates* (rad/s, or none at all)."""
     cdr = Cdr()
     cdr.header(stamp_ns, "")
     cdr.put("I", len(names))
@@ -123,7 +126,7 @@ def encode_transform(
     position_m: Sequence[float],
     orientation: Sequence[float],
 ) -> bytes:
-    """A TFMessage of one."""
+    """Encode a TFMessage of one transform."""
     cdr = Cdr()
     cdr.put("I", 1)
     cdr.header(stamp_ns, frame)
@@ -135,7 +138,7 @@ def encode_transform(
 def encode_diagnostics(
     stamp_ns: int, level: int, name: str, message: str, hardware: str, values: Mapping[str, str]
 ) -> bytes:
-    """A DiagnosticArray of one status."""
+    """Encode a DiagnosticArray of one status."""
     cdr = Cdr()
     cdr.header(stamp_ns, "")
     cdr.put("I", 1)

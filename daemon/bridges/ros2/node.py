@@ -1,4 +1,4 @@
-"""A ROS node in rmw_zenoh's words: keys, liveliness tokens, attachments."""
+"""A ROS node in the conventions of rmw_zenoh: keys, liveliness tokens, attachments."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ NODE_ID = 0
 
 @dataclass(frozen=True)
 class Quality:
-    """What differs from rmw_zenoh's default: the depth, and whether late subscribers get it."""
+    """The quality of service: history depth, and whether late subscribers get the history.
+
+    All other settings are rmw_zenoh's defaults.
+    """
 
     depth: int
     transient_local: bool = False
@@ -32,13 +35,13 @@ class Quality:
 
 
 def make_legal_name(serial: str) -> str:
-    """A serial number as a name that ROS takes."""
+    """Convert a serial number to a name that ROS accepts."""
     name = re.sub(r"\W", "_", serial, flags=re.ASCII)
     return f"arm_{name}" if name[0].isdigit() else name
 
 
 def escape(name: str) -> str:
-    """As it stands within one part of a liveliness token."""
+    """Escape a name for use within one part of a liveliness token."""
     return name.replace("/", "%")
 
 
@@ -48,7 +51,8 @@ class TopicPublisher:
     def __init__(self, session: zenoh.Session, key: str, token: str, quality: Quality) -> None:
         self._session, self._key, self._depth = session, key, quality.depth
         self._past: ext.AdvancedPublisher | None = None
-        # Never BEST_EFFORT: over one link with RELIABLE, receivers up to Zenoh 1.5.1 lose the rest.
+        # Never BEST_EFFORT: receivers up to Zenoh 1.5.1 lose messages if a link has both this and
+        # RELIABLE.
         self._publisher: zenoh.Publisher | ext.AdvancedPublisher
         drop = zenoh.CongestionControl.DROP
         if quality.transient_local:
@@ -72,10 +76,10 @@ class TopicPublisher:
         self._publisher.put(message, attachment=self._attachment())
 
     def put_past(self, messages: Iterable[bytes]) -> None:
-        """For subscribers that want the past (transient local), now and later; no other hears it.
+        """Publish past messages only for subscribers that want history (transient local).
 
-        These come from a publisher of their own that sends to nobody and only answers, from its
-        cache, whoever asks for history.
+        It works for present and later subscribers. A separate publisher sends to nobody and only
+        answers requests for history from its cache.
         """
         self._past = ext.declare_advanced_publisher(
             self._session,
@@ -93,7 +97,7 @@ class TopicPublisher:
 
 
 class RosNode:
-    """`/<namespace>/armd` in a ROS domain, on a session that reaches its router."""
+    """The node `/<namespace>/armd` in a ROS domain, on a session that reaches its router."""
 
     def __init__(self, session: zenoh.Session, domain: int, namespace: str) -> None:
         self._session = session
@@ -105,7 +109,7 @@ class RosNode:
         self._token = session.liveliness().declare_token(f"{head}/{NODE_ID}/NN/{self._node}")
 
     def publisher(self, topic: str, kind: MessageType, quality: Quality) -> TopicPublisher:
-        """*topic* is the full name, with its slash in front."""
+        """Return a publisher; *topic* is the full name with its leading slash."""
         self._publishers += 1
         key = f"{self._domain}/{topic.strip('/')}/{kind.dds}/{kind.hash}"
         token = "/".join(

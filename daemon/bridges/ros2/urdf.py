@@ -1,4 +1,4 @@
-"""The calibrated arm as a URDF: links as cylinders, joints that turn as `joint_states` say."""
+"""The calibrated arm as a URDF: links are cylinders, joints turn as in `joint_states`."""
 
 from __future__ import annotations
 
@@ -18,15 +18,17 @@ from armd.files.schema import load_json_data, validate
 from armd.terminal.counted import format_count
 from armd.terminal.suggest import format_names
 
-RADIUS_M = 0.02  # of a cylinder: what an arm's tube looks like
+RADIUS_M = 0.02  # of a cylinder, about that of an arm's tube
 SHORTEST_M = 1e-3  # of a link that is drawn
-#: URDF wants limits; a joint without them turns on and on.
+#: URDF requires these two; a joint without end stops is continuous.
 TURNING = {"effort": "0", "velocity": "10"}
 
 
 def write(info: Mapping[str, Any], calibration: str | None, namespace: str, frame: str) -> str:
-    """XML of the arm that its `info` and *calibration* file describe; its root link is *frame*.
-    Raises `BadInput` for what describes no arm."""
+    """Return the XML of the arm that its `info` and *calibration* file describe.
+
+    The root link is *frame*. Raises `BadInput` if the data describe no arm.
+    """
     arm = validate("the daemon's info", info["arm"], Arm)
     parameters = arm.nominal()
     if calibration is not None:
@@ -35,19 +37,22 @@ def write(info: Mapping[str, Any], calibration: str | None, namespace: str, fram
 
 
 def _content(calibration: str) -> Calibration:
-    """Of a file that the daemon has in use; raises `BadInput` for an answer that is none."""
+    """Parse the daemon's active calibration; raises `BadInput` for an invalid answer."""
     source = "the daemon's calibration"
     return validate(source, load_json_data(source, calibration.encode()), Calibration)
 
 
 def write_geometry(arm: Arm, parameters: F64, prefix: str, frame: str) -> str:
-    """XML of the arm with these parameters (P,); names of its links begin with *prefix*."""
+    """Return the XML of the arm with these parameters (P,).
+
+    The links' names begin with *prefix*; the root link is *frame*.
+    """
     robot = Xml.Element("robot", name=prefix)
     origins, rotations = (
         part[0] for part in compute_frames(np.zeros((1, arm.n_joints)), parameters)
     )
     tip = parameters[arm.layout.tip]
-    # A joint's row is Rz(q) and then what is constant: joint k stands where row k−1 has led.
+    # A joint's row is Rz(q) followed by constants: joint k is at the end of row k−1.
     steps = [(rotations[0], origins[0])] + [
         (
             rotations[k].T @ rotations[k + 1],
@@ -75,9 +80,10 @@ def write_geometry(arm: Arm, parameters: F64, prefix: str, frame: str) -> str:
 
 
 def describe_omissions(calibration: str | None) -> str:
-    """What of a *calibration* file a URDF has no place for, as a sentence; nothing: an empty one.
+    """Describe in a sentence the terms of *calibration* that a URDF cannot hold.
 
-    A term moves a parameter by the arm's state: its temperature, posture or time.
+    The sentence is empty if there are none. A term changes a parameter with the arm's state: its
+    temperature, posture or time.
     """
     if calibration is None:
         return ""
@@ -126,7 +132,7 @@ def _placed(
 
 
 def _link(robot: Xml.Element, name: str, to_mm: F64) -> None:
-    """A cylinder from the link's origin to where the next one stands."""
+    """Add a link with a cylinder from its origin to the next link's origin."""
     link = Xml.SubElement(robot, "link", name=name)
     to_m = to_mm * 1e-3
     length = float(np.linalg.norm(to_m))
@@ -148,5 +154,5 @@ def _ball(robot: Xml.Element, name: str, radius_mm: float) -> None:
 
 
 def _words(values: F64) -> str:
-    """All digits of each: twelve move a tip by 4e-9 mm."""
+    """Format numbers with all their digits: rounding to twelve moves a tip by 4e-9 mm."""
     return " ".join(repr(value + 0.0) for value in values.tolist())

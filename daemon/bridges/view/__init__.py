@@ -1,1 +1,1 @@
-"""The page: one arm, live, in a browser. A process of its own, fed by Zenoh."""
+"""The live page of one arm in a browser: a separate process that reads Zenoh."""

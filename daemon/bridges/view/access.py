@@ -1,4 +1,4 @@
-"""Who may look, and who may do: by the name he asked for, by a token, by where his page is from."""
+"""Access rules of the page: the requested host name, a token, and the page's origin."""
 
 from __future__ import annotations
 
@@ -20,28 +20,34 @@ OTHERS_MAY_READ = 0o004
 
 
 class Access:
-    """The rules of one server.
+    """The access rules of one server.
 
-    A name in the browser's address bar that is none of ours is refused: a foreign site whose name
-    was made to lead to this machine (DNS rebinding) has its own name there.
+    An unknown name in the browser's address bar is refused. A foreign site whose name was made to
+    resolve to this machine (DNS rebinding) has its own name there.
     """
 
     def __init__(
         self, names: Iterable[str] = (), token: str | None = None, secure: bool = False
     ) -> None:
-        """*names*: by which the server is reached, beside those of loopback; *secure*: by TLS."""
+        """Set the rules; *names* reach the server beside those of loopback; *secure*: by TLS."""
         self._names = {name.lower() for name in names}
         self._secure = "; Secure" if secure else ""
         self._token = token
 
     def check_host(self, request: Request) -> None:
-        """Raises `NotServed`. Any port is right: a tunnel has one of its own."""
+        """Check the host's name; raises `NotServed`.
+
+        Any port is allowed, because a tunnel has a port of its own.
+        """
         host = request.headers.get("host", "")
         if not self._is_ours(host):
             raise NotServed(HTTPStatus.FORBIDDEN, f"found Host {host[:100]!r}, expected ours")
 
     def check_origin(self, request: Request) -> None:
-        """Of what does something: it must come from our own page; raises `NotServed`."""
+        """Check that a request that changes something comes from our own page.
+
+        Raises `NotServed` if it does not.
+        """
         origin = request.headers.get("origin")
         host = request.headers.get("host", "")
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
@@ -52,7 +58,7 @@ class Access:
             raise NotServed(HTTPStatus.FORBIDDEN, "found another site's page, expected our own")
 
     def check_token(self, request: Request) -> None:
-        """Raises `NotServed` without the token, as cookie or as `Authorization: Bearer`."""
+        """Check the token, as cookie or as `Authorization: Bearer`; raises `NotServed`."""
         if not self.knows(request):
             raise NotServed(HTTPStatus.UNAUTHORIZED, "expected the token")
 
@@ -71,7 +77,10 @@ class Access:
         )
 
     def cookie_header(self) -> str:
-        """For whoever showed the token; it is not the token, and no script reads it."""
+        """Return the cookie for a client that has shown the token.
+
+        It does not contain the token, and no script can read it.
+        """
         return f"{COOKIE}={self._cookie()}; Path=/; HttpOnly; SameSite=Strict{self._secure}"
 
     def _cookie(self) -> str:
@@ -87,7 +96,7 @@ class Access:
 
 
 def is_loopback(name: str) -> bool:
-    """Whether a host's name or address can only mean the machine itself."""
+    """Return whether a host's name or address can only mean the machine itself."""
     if name == "localhost":
         return True
     try:
@@ -97,7 +106,10 @@ def is_loopback(name: str) -> bool:
 
 
 def read_token(path: Path) -> str:
-    """The one line of a file that not everybody may read; raises `BadInput`."""
+    """Read the token, the only line of a file; raises `BadInput`.
+
+    A file that everybody may read is refused.
+    """
     token = read_input(path).decode("utf-8", "replace").strip()
     if len(token) < SHORTEST_TOKEN or len(token.split()) != 1 or not token.isascii():
         expected = f"one word of {SHORTEST_TOKEN} letters or more, as of: openssl rand -hex 16"

@@ -1,21 +1,22 @@
-"""What every page is told, kept once for all of them."""
+"""The messages for the pages, kept once for all of them."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
 
-#: Measurements and events that a page has when it is opened; the daemon keeps as many of each.
+#: Measurements and events that a new page gets; the daemon keeps as many of each.
 KEPT = 2000
-#: Sent to one page at once, so that a page which does not read holds no more than this.
+#: Limit of the data sent to one page at once, so that a page that does not read holds no more.
 MOST_BYTES = 1 << 16
 
 
 class Board:
-    """Messages by topic: of some the latest alone, of others every one.
+    """Messages by topic: only the latest of some topics, every one of others.
 
-    A page is no more than the version it has read up to: it has no queue that could grow. Who reads
-    late finds the latest of each topic, and of those that are kept whole, what he has missed.
+    For each page only the version that it has read is stored, so there is no queue that could grow.
+    A page that reads late gets the latest message of each topic, and all missed ones of the topics
+    that are kept whole.
     """
 
     def __init__(self) -> None:
@@ -24,18 +25,20 @@ class Board:
         self._every: deque[tuple[int, bytes]] = deque(maxlen=KEPT)
 
     def put(self, topic: str, data: str) -> None:
-        """The latest of *topic*, in place of the one before; *data* is JSON in one line."""
+        """Replace the latest message of *topic*; *data* is JSON in one line."""
         self.version += 1
         self._latest[topic] = self.version, format_message(topic, data)
 
     def append(self, topic: str, data: str) -> None:
-        """One more of *topic*, none of which is left out."""
+        """Add a message of a topic of which every message is kept."""
         self.version += 1
         self._every.append((self.version, format_message(topic, data)))
 
     def since(self, version: int) -> tuple[bytes, int]:
-        """What was said after *version*, the oldest first, and the version read up to then; at
-        most about `MOST_BYTES`, the rest with the next call."""
+        """Return the messages after *version*, the oldest first, and the version reached.
+
+        They have at most about `MOST_BYTES`; the next call returns the rest.
+        """
         if version >= self.version:
             return b"", version
         waiting = [entry for entry in self._latest.values() if entry[0] > version]
@@ -57,5 +60,5 @@ class Board:
 
 
 def format_message(topic: str, data: str) -> bytes:
-    """As Server-Sent Events have it."""
+    """Format a message for Server-Sent Events."""
     return f"event: {topic}\ndata: {data}\n\n".encode()

@@ -1,4 +1,4 @@
-"""Geometric features through the measurements that a person picked on the page."""
+"""Geometric features fitted to the measurements that a person picked on the page."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ MeasuredById = Mapping[str, Mapping[str, Any]]
 
 
 def fit_feature(measured: MeasuredById, query: Mapping[str, str]) -> dict[str, Any]:
-    """What *query* asks for: `of=plane:ID,ID,…`; with `and=…` likewise, their distance and angle.
+    """Fit the feature of *query*, such as `of=plane:ID,ID,…`.
 
-    Raises `BadInput` for what is no feature, `ArmdError` for points that determine none.
+    With `and=…`, a second feature, return the distance and the angle of both. Raises `BadInput` for
+    an invalid feature, and `ArmdError` for points that determine none.
     """
     first = _fitted(measured, query.get("of", ""))
     if "and" not in query:
@@ -57,7 +58,7 @@ def _unpack_covariance(row: Any) -> list[list[float]]:
 def _related(
     relate: Callable[[Feature, Feature], Relation], first: Feature, second: Feature
 ) -> dict[str, float | None] | None:
-    """None where the two have no such relation: a point has no direction."""
+    """Return the relation of two features; None if there is none: a point has no direction."""
     try:
         relation = relate(first, second)
     except ArithmeticError:

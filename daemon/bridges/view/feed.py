@@ -1,4 +1,4 @@
-"""One arm's streams, as the page is told of them; finds its daemon again whenever it comes back."""
+"""One arm's streams for the page; reconnects whenever the daemon comes back."""
 
 from __future__ import annotations
 
@@ -21,19 +21,22 @@ from armd.errors import ArmdError
 from armd.received import parse_object
 from armd.stream import Stream
 
-#: The page is told so often where the tip is; nobody sees more.
+#: Rate of the tip's position on the page; the eye sees no more.
 LIVE_HZ = 30.0
-#: Health comes every second; without it for so long the daemon is gone.
+#: Health comes every second; without it for this long, the daemon counts as gone.
 SILENT_S = 2.5
-#: Silent for so long, the session is made anew: what Zenoh has not mended by then it will not.
+#: After this long without health the session is replaced: Zenoh does not recover it later.
 GIVEN_UP_S = 15.0
 CONNECT_S, RETRY_S = 5.0, 1.0
-#: Of points and joints the newest is wanted: what waits is dropped inside Zenoh, at no cost.
+#: Only the newest points and joints are needed: Zenoh drops older ones at no cost.
 NEWEST = 2
 
 
 class Feed:
-    """Puts on *board* what arrives. Points and joints are asked for only while somebody looks."""
+    """Puts the arm's messages on *board*.
+
+    Points and joints are subscribed to only while a page is open.
+    """
 
     def __init__(
         self, board: Board, serial: str | None, endpoint: str, watched: Callable[[], bool]
@@ -51,8 +54,8 @@ class Feed:
         self._health: dict[str, Any] = {}
         self._heard_s = self._uptime_s = 0.0
         self._link_text = ""
-        self._undescribed = ""  # why the page knows no geometry, calibration and tip
-        self._described: tuple[Any, ...] = ()  # what `info` was asked for
+        self._undescribed = ""  # why the page has no geometry, calibration and tip
+        self._described: tuple[Any, ...] = ()  # calibration and tip of the last `info`
         self._asking: asyncio.Task[None] | None = None
         self._events: list[dict[str, Any]] = []
         self._message_keys: dict[tuple[str, int, str], None] = {}
@@ -61,16 +64,16 @@ class Feed:
 
     @property
     def serial(self) -> str | None:
-        """Of the arm; None while nobody knows which it is."""
+        """The arm's serial number; None while it is unknown."""
         return self._serial
 
     @property
     def stamp_ns(self) -> int:
-        """Of the daemon's clock, as it was last heard."""
+        """The daemon's clock in its last health message."""
         return int(self._health.get("stamp_ns", 0))
 
     async def run(self) -> None:
-        """For ever."""
+        """Follow the arm for ever."""
         self._say(False, "looking for the daemon")
         while True:
             try:
@@ -81,7 +84,7 @@ class Feed:
                 self._say(False, str(error))
                 await asyncio.sleep(RETRY_S)
                 continue
-            self._serial = arm.serial  # the same one ever after
+            self._serial = arm.serial  # reconnect only to this arm
             try:
                 await self._follow(arm)
             finally:
@@ -89,7 +92,7 @@ class Feed:
                 close_soon(arm)
 
     async def _follow(self, arm: Arm) -> None:
-        """Until the daemon has been silent for too long."""
+        """Put the arm's messages on the board until the daemon is silent for too long."""
         self.arm, self._described, self._heard_s = arm, (), time.monotonic()
         with ExitStack() as stack:
             health = stack.enter_context(arm.stream(keys.HEALTH))
@@ -126,7 +129,7 @@ class Feed:
             self.measured(measurement)
 
     def _is_new(self, topic_key: str, stamp_ns: int, which: str) -> bool:
-        """The past comes again with every new session."""
+        """Return whether a message is new; every new session sends the past again."""
         key = topic_key, stamp_ns, which
         if key in self._message_keys:
             return False
@@ -141,7 +144,7 @@ class Feed:
         self._board.put("health", json.dumps(self._health))
         self.history.add(self._health)
         self._say(True, self._undescribed)
-        if self._health["uptime_s"] < self._uptime_s:  # started anew, maybe with another arm.toml
+        if self._health["uptime_s"] < self._uptime_s:  # restarted, maybe with another arm.toml
             self._described = ()
         self._uptime_s = self._health["uptime_s"]
         described = self._health["calibration"], self._health["tip"]
@@ -149,7 +152,10 @@ class Feed:
             self._asking = asyncio.ensure_future(self._ask(arm, described))
 
     async def _ask(self, arm: Arm, described: tuple[Any, ...]) -> None:
-        """For what changes seldom; again with the next health if nobody answers."""
+        """Ask for the arm's description, which seldom changes.
+
+        Without an answer it is asked again with the next health message.
+        """
         try:
             health, since_ms = self._health, self._since_ms()
             info, description = await run_in_thread(lambda: describe_arm(arm, health, since_ms))
@@ -161,7 +167,7 @@ class Feed:
         self._board.put("arm", description)
 
     def _since_ms(self) -> dict[str, float]:
-        """When the calibration and the tip in force came into force."""
+        """Return when the active calibration and the active tip became active."""
         started_ms = self._health["stamp_ns"] / 1e6 - 1000 * self._health["uptime_s"]
         since = dict.fromkeys(_CHANGES, started_ms)
         for event in self._events:
@@ -170,7 +176,7 @@ class Feed:
         return since
 
     def _say(self, is_connected: bool, text: str) -> None:
-        """Whether the daemon is there, and what is known if not."""
+        """Put on the board whether the daemon is there, and the reason if not."""
         link_text = json.dumps(
             {"here": is_connected, "text": text, "serial": self._serial, "endpoint": self._endpoint}
         )
@@ -182,8 +188,10 @@ class Feed:
 def describe_arm(
     arm: Arm, health: Mapping[str, Any], since_ms: Mapping[str, float]
 ) -> tuple[dict[str, Any], str]:
-    """Ask the daemon what changes seldom; its info, and what the page is told. Raises `ArmdError`
-    for no answer and for one that is none of armd's."""
+    """Ask the daemon for the arm's description; return its info and the page's message.
+
+    Raises `ArmdError` for a missing or invalid answer.
+    """
     info, text = arm.info(), arm.calibration_file()
     calibration = None if text is None else parse_object(keys.CALIBRATION, text.encode())
     try:
@@ -196,7 +204,7 @@ _CHANGES = ("calibration", "tip")
 
 
 class _Live:
-    """Points and joints, subscribed to while somebody looks."""
+    """Points and joints, subscribed to while a page is open."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
@@ -210,7 +218,7 @@ class _Live:
         self._end()
 
     def newest(self, watched: bool) -> str | None:
-        """The newest point since the last call, as the page is told; None if there is none."""
+        """Return the page's message of the newest point since the last call, or None."""
         if not watched:
             self._end()
             return None

@@ -27,7 +27,7 @@ class File:
 
 
 class Files:
-    """By path, as `/style.css`; `/` is the page."""
+    """The files by path, such as `/style.css`; `/` is the page."""
 
     def __init__(self) -> None:
         folder = resources.files("armd.daemon.bridges.view") / "page"

@@ -30,23 +30,26 @@ from armd.errors import ArmdError, BadInput
 from armd.files.schema import load_toml
 
 TOPIC = "guided"
-#: Every so many readings it is asked what `armd calibrate` would make of them.
+#: After this many readings the calibration is estimated again.
 ESTIMATE_EVERY = 10
-#: How often it is looked whether a person has waited for long.
+#: Period of the check whether a person has waited for long.
 LOOK_S = 1.0
-#: Kinds that a calibration can be made of.
+#: Kinds of measurement that give a calibration.
 IDENTIFYING = ("seats", "artefact", "poses")
 
 
-#: Of the interim checks that the page takes, among the sessions.
+#: The folder, among the sessions, with the history of the page's interim checks.
 HISTORY = "interim-history"
 
 
 class Guided:
-    """At most one measurement at a time; all browsers see the same."""
+    """The guided measurement of the page: at most one at a time, the same for all browsers."""
 
     def __init__(self, board: Board, folder: Path, feed: Feed) -> None:
-        """Sessions are folders in *folder*; artefacts are its files `*.toml`, poses `*.csv`."""
+        """Prepare measurements in *folder*.
+
+        Sessions are its subfolders; artefacts are its files `*.toml`, poses its files `*.csv`.
+        """
         self._board = board
         self._folder = folder
         self._feed = feed
@@ -65,14 +68,14 @@ class Guided:
         self._tell()
 
     async def run(self) -> None:
-        """Offers what is measured, one after another; for ever."""
+        """Pass arriving measurements to the guided measurement one after another, for ever."""
         while True:
             coming = asyncio.ensure_future(self._waiting.get())
             try:
                 while not (await asyncio.wait({coming}, timeout=LOOK_S))[0]:
                     self._tell_waiting()
             finally:
-                coming.cancel()  # of no effect where it has come
+                coming.cancel()  # without effect if it is done
             try:
                 await self._offer(coming.result())
             finally:
@@ -92,14 +95,14 @@ class Guided:
             self._estimate(measuring)
 
     def _take(self, measurement: dict[str, Any]) -> None:
-        """A measurement that arrived; what was pressed before the beginning does not count."""
+        """Queue a measurement that arrived; one from before the beginning does not count."""
         is_triggered = measurement.get("trigger") == self._trigger
         if self._phase == "measuring" and is_triggered and measurement["stamp_ns"] > self._since_ns:
             self._patience.over()
             self._waiting.put_nowait(measurement)
 
     def choices(self) -> dict[str, Any]:
-        """What a measurement can be begun with, and what can be gone on with."""
+        """Return the choices for a new measurement, and the sessions that can be resumed."""
         paths = sorted(self._folder.iterdir()) if self._folder.is_dir() else []
         return {
             "folder": str(self._folder),
@@ -114,7 +117,11 @@ class Guided:
         }
 
     async def do(self, request: Request) -> dict[str, Any]:
-        """`/guided/NAME`: begin, resume, delete, again, skip, artefact, finish, stop, close."""
+        """Carry out `/guided/NAME`.
+
+        NAME is begin, resume, delete, again, skip, artefact, finish, stop or close. Raises
+        `ArmdError` and `NotServed`.
+        """
         name = request.path.removeprefix("/guided/")
         content = request.json()
         if name in ("begin", "resume"):
@@ -195,7 +202,7 @@ class Guided:
         if measuring.plan.kind == "interim" and measuring.in_use.calibration is not None:
             options = replace(options, history=self._folder / HISTORY)
         try:
-            # refused now rather than at the end
+            # checked now, so that it is not refused at the end
             list_commands(measuring.folder, measuring.plan, measuring.in_use, options)
         except ArmdError:
             measuring.close()
@@ -207,7 +214,7 @@ class Guided:
         return {"done": f"begun: {folder}"}
 
     async def _make(self, measuring: Measuring, final_commands: list[list[str]]) -> None:
-        """The commands at the end, one after another."""
+        """Run the commands at the end, one after another."""
         for command in final_commands:
             done = await run_in_thread(partial(run, command))
             self._results.append(asdict(done))
@@ -221,7 +228,10 @@ class Guided:
         self._tell()
 
     def _estimate(self, measuring: Measuring) -> None:
-        """What `armd calibrate` would say, aside: it takes seconds, and no press waits for it."""
+        """Estimate the result of `armd calibrate` in a thread.
+
+        It takes seconds, and no press may wait for it.
+        """
         busy = self._estimating is not None and not self._estimating.done()
         if busy or measuring.plan.kind not in IDENTIFYING:
             return
@@ -253,7 +263,7 @@ class Guided:
 
 
 def _guarded(deed: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """A disk that is full is told, and ends nothing."""
+    """Carry out an action; return an error, such as a full disk, as its outcome."""
     try:
         return deed()
     except (ArmdError, OSError) as error:
@@ -261,7 +271,10 @@ def _guarded(deed: Callable[[], dict[str, Any]]) -> dict[str, Any]:
 
 
 def _name(content: Mapping[str, Any], key: str) -> str:
-    """Of a file or folder right in ours: no way leads out of it."""
+    """Return the name of a file or folder directly in our folder; raises `BadInput`.
+
+    The allowed characters cannot lead to another folder.
+    """
     name = content.get(key)
     if not isinstance(name, str) or not A_NAME.fullmatch(name):
         expected = "a name of letters, digits, space, . _ + -, beginning with one of the first two"

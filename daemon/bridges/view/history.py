@@ -1,4 +1,4 @@
-"""The temperatures of the last hour, for a page that is opened now."""
+"""The temperatures of the last hour, for a newly opened page."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ KEPT_MS = 3_600_000.0
 
 
 class TemperatureHistory:
-    """A row every two seconds, for an hour."""
+    """A history with a row every two seconds, for an hour."""
 
     def __init__(self) -> None:
         self._sensors: list[str] = []
         self._rows: deque[list[float | None]] = deque()
 
     def add(self, health: dict[str, Any]) -> None:
-        """Of one health message."""
+        """Add the temperatures of one health message."""
         ms = health["stamp_ns"] / 1e6
         sensors = list(health["temperatures"])
         if sensors != self._sensors or (self._rows and ms < (self._rows[-1][0] or 0.0)):
@@ -30,5 +30,8 @@ class TemperatureHistory:
             self._rows.popleft()
 
     def text(self) -> str:
-        """JSON: `sensors`, and `rows` of Unix ms and °C in their order, null where missing."""
+        """Return JSON: `sensors`, and `rows` of Unix ms and °C in their order.
+
+        A missing temperature is null.
+        """
         return json.dumps({"sensors": self._sensors, "rows": list(self._rows)})

@@ -1,4 +1,4 @@
-"""As much of HTTP/1.1 as one page needs: a request that was read, and an answer's bytes."""
+"""The part of HTTP/1.1 that one page needs: reading a request, formatting an answer."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 
 MOST_HEAD_BYTES = 16 << 10
 MOST_BODY_BYTES = 64 << 10
-#: Of a length: Python reads no number of some thousand digits.
+#: Limit for a length's digits: Python raises for a number of some thousand digits.
 MOST_DIGITS = 12
-#: From connecting to the last byte of the request.
+#: Time limit from connecting to the last byte of the request.
 PATIENCE_S = 10.0
 
-#: The page takes nothing from anywhere else, and nobody else puts it into a page of his.
+#: The page loads nothing from other sites, and no other page may embed it.
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
@@ -36,7 +36,7 @@ GUARDS = {
 
 
 class NotServed(Exception):
-    """A request that is not served, and why."""
+    """A request that is refused, with the reason."""
 
     def __init__(self, status: HTTPStatus, text: str) -> None:
         super().__init__(text)
@@ -45,7 +45,7 @@ class NotServed(Exception):
 
 @dataclass(frozen=True)
 class Request:
-    """Header names are in lower case."""
+    """A request; header names are in lower case."""
 
     method: str
     path: str
@@ -61,7 +61,7 @@ class Request:
         return None if morsel is None else morsel.value
 
     def json(self) -> dict[str, Any]:
-        """The body's JSON object, empty without a body; raises `NotServed`."""
+        """Return the body's JSON object, empty without a body; raises `NotServed`."""
         try:
             content = json.loads(self.body or b"{}")
         except (ValueError, RecursionError) as error:
@@ -73,7 +73,10 @@ class Request:
 
 
 async def read_request(reader: asyncio.StreamReader) -> Request:
-    """Raises `NotServed` for what is none, and what `asyncio` does for a connection that ends."""
+    """Read a request.
+
+    Raises `NotServed` for an invalid one, and asyncio's exceptions for a connection that ends.
+    """
     async with asyncio.timeout(PATIENCE_S):
         try:
             head = await reader.readuntil(b"\r\n\r\n")
@@ -94,7 +97,7 @@ async def read_request(reader: asyncio.StreamReader) -> Request:
 
 
 def parse(head: bytes) -> Request:
-    """A request's head, up to its empty line; raises `NotServed`."""
+    """Parse a request's head, up to its empty line; raises `NotServed`."""
     line, _, header_bytes = head.partition(b"\r\n")
     words = line.decode("latin-1").split(" ")
     if len(words) != 3 or not words[2].startswith("HTTP/1."):
@@ -116,13 +119,13 @@ def parse(head: bytes) -> Request:
 def format_answer(
     status: HTTPStatus, kind: str, body: bytes = b"", headers: Mapping[str, str] | None = None
 ) -> bytes:
-    """A whole answer; the connection ends with it."""
+    """Format a whole answer; the connection ends after it."""
     length = {"Content-Length": str(len(body)), "Connection": "close"}
     return format_head(status, kind, length | dict(headers or {})) + body
 
 
 def format_head(status: HTTPStatus, kind: str, headers: Mapping[str, str]) -> bytes:
-    """Up to the empty line."""
+    """Format an answer's head, up to the empty line."""
     fields = {"Content-Type": kind, "Cache-Control": "no-store", **GUARDS, **headers}
     lines = [f"HTTP/1.1 {status.value} {status.phrase}"]
     lines += [f"{name}: {value}" for name, value in fields.items()]

@@ -1,4 +1,4 @@
-"""What the page is told, as JSON: made of what the daemon publishes, knowing no network."""
+"""The page's messages as JSON, made from the daemon's messages, without network code."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from armd.compensation.model.parameters import (
 
 
 def format_live(point: np.void, angles_rad: Sequence[float] | None) -> str:
-    """The newest point of `armd.POINT`, and the joints' angles where they are known."""
+    """Format the newest point of `armd.POINT`, with the joints' angles where known."""
     valid = not int(point["flags"]) & Flag.INVALID
     return json.dumps(
         {
@@ -36,7 +36,7 @@ def format_live(point: np.void, angles_rad: Sequence[float] | None) -> str:
 
 
 def format_measurement(content: Mapping[str, Any]) -> str:
-    """One row of the page's list."""
+    """Format one row of the page's list."""
     return json.dumps(
         {
             "seq": content["seq"],
@@ -56,7 +56,7 @@ def format_measurement(content: Mapping[str, Any]) -> str:
 
 
 def make_measurement_id(content: Mapping[str, Any]) -> str:
-    """By which the page names it."""
+    """Return the identifier that the page uses for a measurement."""
     return f"{content['stamp_ns']}-{content['seq']}"
 
 
@@ -77,7 +77,7 @@ def format_arm(
     health: Mapping[str, Any],
     since_ms: Mapping[str, float],
 ) -> str:
-    """What changes seldom: the arm's geometry, its calibration and tip, and since when."""
+    """Format the data that seldom change: geometry, calibration, tip, and since when."""
     described = info["calibration"]
     return json.dumps(
         {
@@ -106,15 +106,17 @@ def format_arm(
 
 
 def find_trigger(configuration: Mapping[str, Any]) -> str | None:
-    """What takes a measurement, `button` or `rest`; None where nothing can: servos have no button
-    but a servo that is named as one."""
+    """Return what triggers a measurement: `button`, `rest`, or None.
+
+    None means that nothing can: servos have no button, unless the driver names a servo as trigger.
+    """
     driver = configuration["driver"]
     how: str = configuration["measurement"]["trigger"]
     return None if how == "button" and "trigger" in driver and driver["trigger"] is None else how
 
 
 def describe_flags() -> dict[str, dict[str, str | None]]:
-    """What each bit of a point's flags means; the same for every arm."""
+    """Return the meaning of each bit of a point's flags; it is the same for every arm."""
     return {
         str(flag.bit): {
             "name": flag.name,
@@ -129,8 +131,10 @@ def describe_flags() -> dict[str, dict[str, str | None]]:
 def compute_geometry(
     info: Mapping[str, Any], calibration: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Rows θ0, d, a, α, β of the joints, base and tip, mm and rad: by the calibration in force,
-    or the drawing without one."""
+    """Return the joints' rows θ0, d, a, α, β, with base and tip, mm and rad.
+
+    They are those of the active calibration, or the nominal ones without one.
+    """
     joints = info["arm"]["joint"]
     numbers = range(1, len(joints) + 1)
     tip = info["arm"]["tip"]
@@ -161,7 +165,10 @@ def compute_geometry(
 
 
 def compute_uncertainty_mm(covariance_mm2: Sequence[float] | None) -> list[float] | None:
-    """Of x, y, z; None where the covariance (xx xy xz yy yz zz) is not known."""
+    """Return standard uncertainties of x, y, z.
+
+    They are None where the covariance (xx xy xz yy yz zz) is unknown.
+    """
     if covariance_mm2 is None or not all(map(math.isfinite, covariance_mm2)):
         return None
     xx, _, _, yy, _, zz = covariance_mm2

@@ -1,4 +1,4 @@
-"""The page's server: files, the stream of what is new, tables to take away, and commands."""
+"""The page's server: files, the stream of news, tables to download, and commands."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ if TYPE_CHECKING:
 
 TEXT = "text/plain; charset=utf-8"
 JSON = "application/json"
-#: Browsers that look at once; a further one is told so.
+#: Limit of open pages; a further one is refused with the reason.
 MOST_LOOKING = 64
 MOST_CONNECTIONS = 2 * MOST_LOOKING
-#: What the system may hold for one page; a page that does not read misses what is live meanwhile.
+#: Unsent data for one page; a page that does not read misses live points meanwhile.
 SEND_BUFFER_BYTES = 1 << 16
-#: A page that has not read for so long is hung up on; it comes back by itself.
+#: A page that has not read for this long is disconnected; it reconnects by itself.
 STALLED_S = 20.0
-#: Said into a silent stream, so that both sides notice when the other is gone.
+#: Period of a comment on a silent stream, so that each side notices when the other is gone.
 HEARTBEAT_S = 5.0
-#: After a wrong token, so that nobody tries many.
+#: Delay after a wrong token, so that nobody can try many.
 WRONG_TOKEN_S = 1.0
-#: Calibrations of tips that the page lists, the last ones.
+#: The page lists the last tip calibrations, at most so many.
 TIPS_TOLD = 50
-#: By suffix, the kind that a browser is told.
+#: Suffix → content type.
 TABLES = {
     ".csv": "text/csv; charset=utf-8",
     ".xyz": TEXT,
@@ -64,13 +64,13 @@ Do = Callable[[Request], Awaitable[object]]
 
 
 def _obeyed(arm: Arm, name: str, parameters: dict[str, str]) -> str:
-    if name == "keep_tip":  # with the offset that its last calibration found
+    if name == "keep_tip":  # with the offset of its last calibration
         return use_tip(arm, **parameters)
     return arm.command(name, **parameters)
 
 
 def _table(arm: Arm, suffix: str) -> str:
-    from armd.daemon.bridges.export import formats, source  # pydantic, only when wanted
+    from armd.daemon.bridges.export import formats, source  # pydantic, only when needed
 
     measurements = source.from_arm(arm)
     return formats.as_text(
@@ -79,31 +79,34 @@ def _table(arm: Arm, suffix: str) -> str:
 
 
 class PageServer:
-    """Serves one board to many browsers, none of which another waits for."""
+    """Serves one board to many browsers; none of them waits for another."""
 
     def __init__(
         self, access: Access, serial: str | None, endpoint: str, folder: Path | None
     ) -> None:
-        """*folder*: the one that guided measurements are written to; None: nothing writes."""
+        """Prepare the server.
+
+        *folder* is where guided measurements are written; None: no browser may write anything.
+        """
         self._access = access
         self._board = Board()
         self._feed = Feed(self._board, serial, endpoint, lambda: bool(self.transports))
         self._files = Files()
         self._connections = 0
-        self._silent: dict[asyncio.StreamWriter, None] = {}  # the oldest first
+        self._silent: dict[asyncio.StreamWriter, None] = {}  # no request yet; oldest first
         self.transports: set[asyncio.WriteTransport] = set()
         """Of the browsers that look."""
         self._deeds: dict[str, Do] = {}
         self._guided: Guided | None = None
         self._sessions = folder
         if folder is not None:
-            from armd.daemon.bridges.view.guided import Guided  # the arm's mathematics, 200 MB
+            from armd.daemon.bridges.view.guided import Guided  # the arm's mathematics need 200 MB
 
             self._guided = Guided(self._board, folder, self._feed)
             self._deeds = {"command": self._command, "guided": self._guided.do}
 
     async def serve(self, address: Address, context: ssl.SSLContext | None = None) -> None:
-        """Until cancelled; raises `BadInput` if it cannot listen there."""
+        """Serve until cancelled; raises `BadInput` if it cannot listen at *address*."""
         server, endpoint = await open_listener(address, self._connection, context)
         async with server:
             report_ready("view", endpoint)
@@ -138,7 +141,7 @@ class PageServer:
             except NotServed as refused:
                 text = f"armd view: {refused}\n".encode()
                 await self._reply(writer, format_answer(refused.status, TEXT, text))
-        except (OSError, TimeoutError, EOFError):  # it went away, or says nothing
+        except (OSError, TimeoutError, EOFError):  # the client is gone, or sends nothing
             pass
         except asyncio.CancelledError:  # the server ends; before 3.12 asyncio prints a traceback
             pass
@@ -148,7 +151,7 @@ class PageServer:
             writer.transport.abort()
 
     def _make_room(self) -> bool:
-        """For who comes now, by hanging up on who has been longest without asking for anything."""
+        """Close the oldest connection that has sent no request; return whether there was one."""
         oldest = next(iter(self._silent), None)
         if oldest is None:
             return False
@@ -164,7 +167,7 @@ class PageServer:
             await writer.wait_closed()
 
     async def _served(self, request: Request) -> bytes:
-        """The whole answer to anything but the stream."""
+        """Return the whole answer to any request but that for the stream."""
         if request.method == "POST":
             return await self._done(request)
         if request.method not in ("GET", "HEAD"):
@@ -196,7 +199,7 @@ class PageServer:
     def _file(self, request: Request, path: str) -> bytes:
         file = self._files.get(path)
         assert file is not None
-        # Kept by the browser, and asked for again each time: an upgrade is seen at once.
+        # The browser keeps the file and checks it each time, so that an upgrade shows at once.
         headers = {"Cache-Control": "no-cache", "ETag": file.tag, "Vary": "Accept-Encoding"}
         if request.headers.get("if-none-match") == file.tag:
             return format_head(
@@ -209,7 +212,7 @@ class PageServer:
         return format_answer(HTTPStatus.OK, file.kind, file.data, headers)
 
     async def _table(self, path: str) -> bytes:
-        """All measurements that the daemon still has, as `armd export` writes them."""
+        """Return all measurements that the daemon still has, as `armd export` writes them."""
         suffix = path.removeprefix("/measurements")
         if suffix not in TABLES:
             raise NotServed(HTTPStatus.NOT_FOUND, f"found {suffix[:20]!r}, expected {list(TABLES)}")
@@ -225,11 +228,11 @@ class PageServer:
         return format_answer(HTTPStatus.OK, TABLES[suffix], text.encode(), headers)
 
     async def _feature(self, request: Request) -> bytes:
-        """Through measurements that were picked; it changes nothing."""
+        """Fit a feature to the picked measurements; nothing is changed."""
         measurements = dict(self._feed.measurements)
 
         def fitted() -> object:
-            from armd.daemon.bridges.view.features import fit_feature  # scipy, only when wanted
+            from armd.daemon.bridges.view.features import fit_feature  # scipy, only when needed
 
             return fit_feature(measurements, request.query)
 
@@ -251,7 +254,7 @@ class PageServer:
             raise NotServed(
                 HTTPStatus.FORBIDDEN, "found a command, expected none: this page may look"
             )
-        if request.headers.get("content-type") != JSON:  # no form of a foreign site can say so
+        if request.headers.get("content-type") != JSON:  # a form of another site cannot send it
             raise NotServed(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"expected {JSON}")
         try:
             content = json.dumps(await deed(request)).encode()
@@ -261,7 +264,7 @@ class PageServer:
         return format_answer(HTTPStatus.OK, JSON, content)
 
     async def _login(self, request: Request) -> bytes:
-        """The token, once; from then on a cookie."""
+        """Check the token once, and set a cookie that replaces it afterwards."""
         token = parse_qs(request.body.decode("utf-8", "replace")).get("token", [""])[0]
         if not self._access.is_token(token):
             await asyncio.sleep(WRONG_TOKEN_S)
@@ -270,7 +273,10 @@ class PageServer:
         return format_answer(HTTPStatus.SEE_OTHER, TEXT, b"", cookie)
 
     async def _command(self, request: Request) -> object:
-        """`/command/reload`, `/command/tip`: the daemon's own, if it obeys any."""
+        """Carry out `/command/reload`, `/command/tip` or `/command/keep_tip`.
+
+        The daemon carries it out, if its commands are enabled.
+        """
         name = request.path.removeprefix("/command/")
         if name not in COMMANDS:
             raise NotServed(HTTPStatus.NOT_FOUND, f"found {name[:40]!r}, expected {list(COMMANDS)}")
@@ -284,7 +290,7 @@ class PageServer:
         return {"done": await run_in_thread(lambda: _obeyed(arm, name, parameters))}
 
     async def _tell(self, request: Request, writer: asyncio.StreamWriter) -> None:
-        """Server-Sent Events until the page is closed."""
+        """Send Server-Sent Events until the page is closed."""
         self._access.check_token(request)
         if len(self.transports) >= MOST_LOOKING:
             raise NotServed(
@@ -305,7 +311,7 @@ class PageServer:
         try:
             while not transport.is_closing():
                 now_s = loop.time()
-                if transport.get_write_buffer_size() == 0:  # it reads: what is new, at once
+                if transport.get_write_buffer_size() == 0:  # the page reads: send the news at once
                     data, read = self._board.since(read)
                     if not data and now_s - spoke_s > HEARTBEAT_S:
                         data = b": still here\n\n"

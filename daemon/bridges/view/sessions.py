@@ -1,4 +1,4 @@
-"""What lies in the folders of guided measurements, for a browser to read: reports and results."""
+"""Reports and results in the folders of guided measurements, for a browser to read."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from armd.errors import BadInput
 from armd.files.inputs import read_input
 
 PREFIX = "/sessions/"
-#: Of a file or folder right in ours: no way leads out of it.
+#: A file or folder directly in our folder; such a name cannot lead to another folder.
 A_NAME = re.compile(r"[^\W_][\w .+-]{0,79}")
-#: By suffix, the kind that a browser is told; reports come first.
+#: Suffix → content type; reports come first.
 KINDS = {
     ".html": "text/html; charset=utf-8",
     ".json": "application/json",
     ".csv": "text/csv; charset=utf-8",
     ".toml": "text/plain; charset=utf-8",
 }
-#: A report is a page of its own, without a script, and has no part in this one.
+#: A report is a separate page without scripts, isolated from the live page.
 GUARDS = {
     "Content-Security-Policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; "
     "img-src data:; frame-ancestors 'none'",
@@ -30,7 +30,7 @@ MOST_BYTES = 64 << 20
 
 
 def list_results(folder: Path) -> list[dict[str, str]]:
-    """Of one session: `name` and `path` of each file to read, reports first."""
+    """List `name` and `path` of each file of a session to read, reports first."""
     order = list(KINDS)
     paths = [path for path in folder.iterdir() if _ours(path)]
     paths.sort(key=lambda path: (order.index(path.suffix), path.name))
@@ -40,7 +40,7 @@ def list_results(folder: Path) -> list[dict[str, str]]:
 
 
 def read(folder: Path, path: str) -> tuple[str, bytes]:
-    """Kind and content of `/sessions/SESSION/FILE`; raises `NotServed`."""
+    """Return content type and content of `/sessions/SESSION/FILE`; raises `NotServed`."""
     session, _, name = path.removeprefix(PREFIX).partition("/")
     file = folder / session / name
     if "/" in name or not A_NAME.fullmatch(session) or file.parent.is_symlink() or not _ours(file):
@@ -52,6 +52,6 @@ def read(folder: Path, path: str) -> tuple[str, bytes]:
 
 
 def _ours(file: Path) -> bool:
-    """To be shown: *file* lies in a session's folder."""
+    """Return whether *file*, in a session's folder, may be shown."""
     named = A_NAME.fullmatch(file.name) is not None and file.suffix in KINDS
     return named and file.is_file() and not file.is_symlink()

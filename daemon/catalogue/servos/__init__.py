@@ -1,1 +1,1 @@
-"""What other programs call a servo's zero: LeRobot, phosphobot."""
+"""Read servo zeros from the calibration files of LeRobot and phosphobot."""

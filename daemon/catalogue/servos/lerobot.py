@@ -1,7 +1,7 @@
-"""A LeRobot calibration taken over: ids, homing offsets, ranges of travel.
+"""Import a LeRobot calibration: ids, homing offsets, ranges of travel.
 
-LeRobot's zero is the middle of a joint's sweep, and its degrees are 360/4095 of a count where a
-count is 360/4096. A sweep that is not the joint's travel has no middle that is a zero.
+LeRobot's zero is the middle of a joint's sweep. Its degrees are 360/4095 of a count where a count
+is 360/4096. The middle of a sweep that is not the joint's travel is not a zero.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ from armd.daemon.catalogue.servos.lerobot_file import (
 from armd.errors import BadInput
 from armd.terminal.suggest import format_names
 
-#: What a homing offset may be, by kind: eleven bits beside the sign in a Feetech's register 31, and
-#: what the e-Manual says of a Dynamixel's register 20.
+#: Largest homing offset and its register, by kind: a Feetech's register 31 has eleven bits and a
+#: sign; the limit of a Dynamixel's register 20 is the e-Manual's.
 MOST_OFFSET = {"feetech": (2047, 31), "dynamixel": (1_044_479, 20)}
-#: A joint that nobody has swept has its zero anywhere. The least travel of a known servo arm is
-#: 124° (Koch); a tenth of that is no sweep.
+#: A joint that was not swept has an arbitrary zero. The least travel of a known servo arm is
+#: 124° (Koch); a tenth of that is not a sweep.
 LEAST_SWEEP_COUNTS = 141
-#: A sweep of less than this share of the drawing's travel was stopped early: its middle, LeRobot's
+#: A sweep of less than this share of the nominal travel was stopped early: its middle, LeRobot's
 #: zero, is off by an eighth of the travel or more.
 LEAST_SHARE = 0.75
-#: Outside of these shares a sweep is remarked on: whole arms have 0.97 to 1.12 of the drawing's.
+#: A sweep outside of these shares gets a remark: whole arms have 0.97 to 1.12 of the nominal one.
 USUAL_SHARES = (0.92, 1.25)
-#: A joint with stops that was swept across the encoder's seam has gone round it all (LeRobot keeps
-#: the least and the greatest raw position). A joint of more travel has no stops to speak of.
+#: A joint with stops that was swept across the encoder's seam seems to have a whole turn, because
+#: LeRobot keeps the least and the greatest raw position. More travel means hardly any stops.
 SEAM_DEG, STOPS_DEG = 330.0, 300.0
 
 
 @dataclass(frozen=True)
 class TakenOver:
-    """What became of the calibration."""
+    """The imported calibration."""
 
     text: str  # arm.toml
     bus: Bus
@@ -61,10 +61,11 @@ class TakenOver:
 def take_over(
     path: Path, name: str, prefix: str | None = None, short: Sequence[str] = ()
 ) -> TakenOver:
-    """The known arm *name* with the zeros, limits and ids of the calibration at *path*.
+    """Return the known arm *name* with the zeros, limits and ids of the calibration at *path*.
 
-    *prefix*: of the arm's motors, where the file has several arms; *short*: joints that turn less
-    than the drawing says. Raises `BadInput` for a file that is not LeRobot's or is another arm's.
+    *prefix* is that of the arm's motors, where the file has several arms. *short* lists joints that
+    turn less than the drawing states. Raises `BadInput` for a file that is not LeRobot's or is
+    another arm's.
     """
     arm, bus = load_known_arm(name), _choose_bus(name)
     motors = order_base_to_wrist(select_motors(path, read_motors(path), prefix))
@@ -75,7 +76,7 @@ def take_over(
     remarks = _check_sweeps(path, chain, arm.joint, short)
     text = read_arm_text(name)
     for k, (motor, joint) in enumerate(zip(chain.values(), arm.joint, strict=True), 1):
-        # A Dynamixel turns its count round itself; LeRobot does it for a Feetech.
+        # A Dynamixel reverses its count itself; LeRobot does it for a Feetech.
         turned = motor.drive_mode == 1 and bus.kind == "feetech"
         direction = -joint.direction if turned else joint.direction
         ends = [
@@ -128,7 +129,10 @@ def _check(
 
 
 def _move_within_turn(path: Path, key: str, motor: Motor, kind: str) -> Motor:
-    """With its middle in the encoder's turn, beyond which a Dynamixel counts on."""
+    """Return the motor with the middle of its range within one encoder turn.
+
+    A Dynamixel counts on beyond that turn. Raises `BadInput` for a range outside a Feetech's turn.
+    """
     if (motor.range_min, motor.range_max) == (0, COUNTS):  # a whole turn, as some programs write it
         return motor.model_copy(update={"range_max": COUNTS - 1})
     if kind == "feetech":
@@ -147,8 +151,10 @@ def _move_within_turn(path: Path, key: str, motor: Motor, kind: str) -> Motor:
 def _check_sweeps(
     path: Path, chain: dict[str, Motor], joints: Sequence[Joint], short: Sequence[str]
 ) -> list[str]:
-    """What is to be said of sweeps against the drawing's travel; raises `BadInput` for one whose
-    middle is no zero."""
+    """Compare sweeps with the nominal travel, and return remarks.
+
+    Raises `BadInput` for a sweep whose middle cannot be the zero.
+    """
     remarks = []
     for key in short:
         if key not in chain:
@@ -185,7 +191,7 @@ def _check_sweeps(
 
 
 def _get_travel_deg(joint: Joint) -> float | None:
-    """From stop to stop as drawn; None of a joint without stops."""
+    """Return the nominal travel between the stops; None for a joint without stops."""
     if joint.min_deg is None or joint.max_deg is None:
         return None
     travel = joint.max_deg - joint.min_deg
@@ -201,13 +207,16 @@ def _check_offsets(path: Path, motors: dict[str, Motor], kind: str) -> None:
 
 
 def _split_heading(text: str) -> tuple[str, str]:
-    """Before and after the first line that is no comment."""
+    """Split a text at its first empty line, which ends the heading of comments."""
     head, blank, body = text.partition("\n\n")
     return head + "\n", blank[1:] + body
 
 
 def _with_ids(bus: Bus, ids: list[int], motors: dict[str, Motor], chain: dict[str, Motor]) -> Bus:
-    """The bus with the calibration's ids: link k is as warm as the next motor, tools included."""
+    """Return the bus with the calibration's ids.
+
+    Each link has the temperature of the next motor, tools included.
+    """
     tools = [motor.id for key, motor in motors.items() if key not in chain]
     if tuple(ids) == bus.ids and tools[:1] == [bus.temperature_ids[-1]]:
         return bus

@@ -1,7 +1,7 @@
 """LeRobot's calibration files: the motors of one arm, and its normalised positions.
 
-LeRobot keeps one JSON per robot: name of a motor → id, drive mode, homing offset, and the smallest
-and the greatest raw position to which a hand has swept the joint, offset included.
+LeRobot keeps one JSON file per robot. It maps a motor's name to id, drive mode, homing offset, and
+the smallest and the greatest raw position to which a person has swept the joint, offset included.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from armd.terminal.suggest import format_names
 COUNTS = 4096
 DEG_PER_COUNT = 360 / COUNTS
 MIDDLE = 2048  # the raw position that armd counts as 0
-TOOLS = ("gripper", "trigger")  # motors that are no joint of the chain
-WHEELS = "base_"  # LeKiwi's, under its arm
-SHADOW = "_shadow"  # the second servo of a joint that has two: the first one is read
-#: LeRobot's names of an SO-100's, SO-101's, Koch's and OMX's joints, base to wrist.
+TOOLS = ("gripper", "trigger")  # motors that are not joints of the chain
+WHEELS = "base_"  # LeKiwi's wheels, under its arm
+SHADOW = "_shadow"  # the second of a joint's two servos: only the first is read
+#: LeRobot's names of the joints of SO-100, SO-101, Koch and OMX, base to wrist.
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
-#: A ViperX's and WidowX's.
+#: LeRobot's names of the joints of ViperX and WidowX.
 OTHER_JOINTS = (
     "waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate",
 )  # fmt: skip
@@ -44,7 +44,7 @@ class Motor(Strict):
 
     @property
     def sweep_deg(self) -> float:
-        """From the least to the greatest position that it was moved to."""
+        """The angle from the least to the greatest position of the sweep."""
         return (self.range_max - self.range_min) * DEG_PER_COUNT
 
 
@@ -53,13 +53,14 @@ class CalibrationFile(RootModel[dict[str, Motor]]):
 
 
 class Normalised:
-    """LeRobot's -100 to 100 of a joint's sweep, back to the servo's positions."""
+    """Converts LeRobot's -100 to 100 of a joint's sweep to the servo's positions."""
 
     def __init__(self, path: Path, headers: dict[str, str], prefix: str | None = None) -> None:
-        """*headers*: q1 → the column of a log, whose name has the motor's in it; *prefix*: of the
-        arm's motors, where the calibration has several arms.
+        """Find the motor of each column.
 
-        Raises `BadInput` for a joint that the calibration does not have.
+        *headers* maps q1 to the column of a log, whose name contains the motor's. *prefix* is that
+        of the arm's motors, where the calibration has several arms. Raises `BadInput` for a joint
+        that the calibration does not have.
         """
         motors = read_motors(path)
         if prefix is not None and any(key.startswith(prefix.rstrip("_")) for key in motors):
@@ -77,24 +78,30 @@ class Normalised:
             self._motors[name] = (exact or alike)[0]
 
     def count(self, name: str, value: float) -> float:
-        """The position from raw 2048, as the servo counts; LeRobot negates where it turns round."""
+        """Return the position from raw 2048, as the servo counts.
+
+        LeRobot negates the value of a reversed motor.
+        """
         motor = self._motors[name]
         turned = -value if motor.drive_mode == 1 else value
         sweep = motor.range_max - motor.range_min
         return motor.range_min + (turned + 100.0) / 200.0 * sweep - MIDDLE
 
     def degrees(self, name: str, value: float) -> float:
-        """From the middle of the sweep, signed as LeRobot has it."""
+        """Return the angle from the middle of the sweep, with LeRobot's sign."""
         return value / 200.0 * self._motors[name].sweep_deg
 
 
 def _is_same_name(key: str, header: str) -> bool:
-    """Whether the log's column *header* is exactly the motor *key*'s."""
+    """Return whether the log's column *header* is exactly the motor *key*'s."""
     return re.fullmatch(rf"(?:observation\.state\.)?{re.escape(key)}(?:\.pos)?", header) is not None
 
 
 def read_motors(path: Path) -> dict[str, Motor]:
-    """Every motor of a calibration; raises `BadInput` for another program's file, by its name."""
+    """Return every motor of a calibration; raises `BadInput`.
+
+    The message names the other program whose file it is, if it is known.
+    """
     data = load_json_data(path, read_input(path, MOST_JSON_BYTES))
     if isinstance(data, dict) and isinstance(data.get("homing_offset"), list):
         problem = "LeRobot's format of before June 2025, whose zero is another"
@@ -121,7 +128,11 @@ def _is_motor(value: Any) -> bool:
 
 
 def select_motors(path: Path, motors: dict[str, Motor], prefix: str | None) -> dict[str, Motor]:
-    """Without wheels, heads, second servos and other arms, by the names that a joint has alone."""
+    """Return the motors of one arm, without wheels, heads, second servos and other arms.
+
+    They are recognised by names that only joints and tools have. Raises `BadInput` where *prefix*
+    does not name one arm, or where there are several and no *prefix*.
+    """
     motors = {
         key: motor
         for key, motor in motors.items()
@@ -147,8 +158,10 @@ def select_motors(path: Path, motors: dict[str, Motor], prefix: str | None) -> d
 
 
 def order_base_to_wrist(motors: dict[str, Motor]) -> dict[str, Motor]:
-    """By the joints' names, whatever ids somebody gave their servos; where names are others, ids
-    have to do."""
+    """Order motors by their joints' names, or by ids where the names are unknown.
+
+    Names come first, because people give their servos any ids.
+    """
     for joints in (JOINTS, OTHER_JOINTS):
         if set(motors) - set(TOOLS) <= set(joints):
             return {key: motors[key] for key in (*joints, *TOOLS) if key in motors}

@@ -1,9 +1,8 @@
-"""What another program calls an angle, back to the servo's counts: phosphobot's calibration files
-and GELLO's configurations.
+"""Convert angles of other programs to servo counts: phosphobot's and GELLO's files.
 
-phosphobot: (raw − servos_offsets)·servos_offsets_signs·2π/4095, as `hardware/base.py` of
-phospho-app/phosphobot has it (commit 0b4af25). GELLO: (raw·π/2048 − joint_offsets)·joint_signs, as
-`gello/robots/dynamixel.py` of wuphilipp/gello_software and its driver have it (commits 18cc23a,
+phosphobot: (raw − servos_offsets)·servos_offsets_signs·2π/4095, as in `hardware/base.py` of
+phospho-app/phosphobot (commit 0b4af25). GELLO: (raw·π/2048 − joint_offsets)·joint_signs, as in
+`gello/robots/dynamixel.py` of wuphilipp/gello_software and in its driver (commits 18cc23a,
 2888885). Both count 4096 a turn and list joints from base to wrist, the gripper last.
 """
 
@@ -22,16 +21,19 @@ from armd.files.schema import load_json_data
 
 COUNTS, MIDDLE = 4096, 2048
 GELLO_SUFFIXES = (".yaml", ".yml")
-#: phosphobot's arms of servos with 4096 counts a turn; its others tell no counts.
+#: phosphobot's arms with servos of 4096 counts a turn; its other arms report no counts.
 PHOSPHOBOTS = ("so-100", "koch-v1.1", "wx-250s")
-#: More than any servo that counts on over the turns.
+#: Limit of a count: more than any multi-turn servo reaches.
 MOST_COUNTS = 1 << 20
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
 @dataclass(frozen=True)
 class ServoZeros:
-    """Of each joint, base to wrist: count = offset + sign · angle · counts per rad."""
+    """The zero and sign of each joint, base to wrist.
+
+    The formula is count = offset + sign · angle · counts per rad.
+    """
 
     program: str
     offsets: Sequence[float]  # raw counts at angle 0
@@ -39,7 +41,10 @@ class ServoZeros:
     counts_per_rad: float
 
     def counts(self, joint: int, angles_rad: Sequence[float]) -> list[float]:
-        """Counts of *joint* (from 0) from the middle of a turn; the first within a turn of it."""
+        """Return the counts of *joint* (from 0), relative to the middle of a turn.
+
+        Whole turns are subtracted so that the first finite count lies within one turn.
+        """
         scale = self.signs[joint] * self.counts_per_rad
         counts = [self.offsets[joint] + scale * angle - MIDDLE for angle in angles_rad]
         reference = next((count for count in counts if math.isfinite(count)), 0.0)
@@ -48,7 +53,7 @@ class ServoZeros:
 
 
 def read_servo_zeros(path: Path, n_joints: int) -> ServoZeros:
-    """Of the first *n_joints* of a file; raises `BadInput`."""
+    """Read the zeros of at least *n_joints* joints from a file; raises `BadInput`."""
     content = read_input(path)
     if path.suffix.lower() in GELLO_SUFFIXES:
         zeros = _read_gello(path, content)
@@ -86,7 +91,10 @@ def _read_gello(path: Path, content: bytes) -> ServoZeros:
 
 
 def _parse_list(path: Path, text: str, key: str) -> list[str]:
-    """The words of a YAML list, in brackets or one a line. No more of YAML is needed here."""
+    """Return the words of a YAML list, in brackets or one a line.
+
+    No other part of YAML is needed here.
+    """
     lines = [line.split(" #")[0].rstrip() for line in text.splitlines()]
     key_lines = [i for i, line in enumerate(lines) if re.match(rf"\s*{key}\s*:", line)]
     if len(key_lines) != 1:

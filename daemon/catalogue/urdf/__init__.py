@@ -1,1 +1,1 @@
-"""A URDF: read as an arm.toml, and edited in place."""
+"""Read a URDF as an arm.toml, and edit a URDF in place."""

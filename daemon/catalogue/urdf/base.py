@@ -1,4 +1,4 @@
-"""Where armd's base frame stands in a URDF, and whether the file's joints are arm.toml's."""
+"""Locate armd's base frame in a URDF, and check that the file's joints are arm.toml's."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from armd.daemon.catalogue.urdf.joints import TURNING, describe_joint, read_axis
 from armd.daemon.catalogue.urdf.urdf import list_joints_between
 from armd.errors import BadInput
 
-#: Axes farther off than this, at zero angles, are another arm's.
+#: Axes farther off than this, at zero angles, belong to another arm.
 OTHER_ARM_RAD, OTHER_ARM_SHARE = 0.2, 0.1
-#: By so much another place of the base frame must fit better.
+#: Another pose of the base frame must fit better by this much.
 CLEARLY_MM = 1e-3
 
 
 @dataclass(frozen=True)
 class JointChain:
-    """The joints between the links as a file has them."""
+    """The joints between two links, as the file has them."""
 
     path: Path
     joints: list[Element]
@@ -39,7 +39,7 @@ class JointChain:
         return cls(path, joints, [FramePose(turned, 1e3 * xyz) for xyz, turned in origins], axes)
 
     def links(self) -> list[FramePose]:
-        """The frame of each joint's child at zero angles, in that of the base link."""
+        """Return the frame of each joint's child at zero angles, in the base link's frame."""
         poses, pose = [], FramePose(np.eye(3), np.zeros(3))
         for origin in self.origins:
             pose = pose @ origin
@@ -47,7 +47,7 @@ class JointChain:
         return poses
 
     def tip(self, q: F64) -> tuple[F64, F64]:
-        """Positions (n, 3) mm and rotations (n, 3, 3) of the last link."""
+        """Return positions (n, 3) mm and rotations (n, 3, 3) of the last link."""
         position, rotation = np.zeros((len(q), 3)), np.tile(np.eye(3), (len(q), 1, 1))
         angles = iter(q.T)
         for origin, axis in zip(self.origins, self.axes, strict=True):
@@ -59,10 +59,11 @@ class JointChain:
 
 
 def place_base(chain: JointChain, arm: Arm, root: Element, base_link: str) -> FramePose:
-    """armd's base frame in the base link's: as `armd import` places it from the base link.
+    """Return armd's base frame in the base link's frame.
 
-    Where arm.toml fits only that: as at import from the file's root, or the base link's own frame.
-    Raises `BadInput` where it fits none.
+    It is placed as `armd import` places it from the base link. If arm.toml fits better so, it is
+    placed as at import from the file's root, or is the base link's own frame. Raises `BadInput`
+    where none fits.
     """
     root_pose = FramePose(np.eye(3), np.zeros(3))
     above: list[Element] = []
@@ -94,8 +95,11 @@ def place_base(chain: JointChain, arm: Arm, root: Element, base_link: str) -> Fr
 
 
 def _place_imported_base(start: FramePose, link: FramePose, axis: F64) -> FramePose:
-    """Where `armd import` puts the base frame, in the base link's, for a file whose root has the
-    base link at *start*: on the first axis, its z along it."""
+    """Return the base frame of `armd import` in the base link's frame.
+
+    *start* is the base link's frame in that of the file's root. The base frame is on the first
+    axis, its z along it.
+    """
     joint = start @ link
     z = joint.rotation @ axis
     x = choose_across(z)
@@ -109,8 +113,10 @@ def _has_parent(root: Element, link: str) -> bool:
 
 
 def _measure_misfit(chain: JointChain, arm: Arm, base: FramePose) -> tuple[float, BadInput | None]:
-    """How far the axes at zero angles are from arm.toml's, in mm at its reach; and what says that
-    these are not its joints, if anything does."""
+    """Measure how far the axes at zero angles are from arm.toml's, in mm at its reach.
+
+    Also returns the error if these are not its joints, else None.
+    """
     worst_mm, number = 0.0, 0
     for joint, axis, link in zip(chain.joints, chain.axes, chain.links(), strict=True):
         if axis is None:
@@ -132,7 +138,7 @@ def _measure_misfit(chain: JointChain, arm: Arm, base: FramePose) -> tuple[float
 
 
 def compute_joint_frames(arm: Arm, parameters: F64) -> list[FramePose]:
-    """G_k of each joint at zero angles in armd's base frame: z is its axis."""
+    """Return G_k of each joint at zero angles in armd's base frame; z is its axis."""
     origins, rotations = (
         part[0] for part in compute_frames(np.zeros((1, arm.n_joints)), parameters)
     )

@@ -1,4 +1,4 @@
-"""A joint's elements in a URDF as numbers: origin, axis, limit; each checked as it is read."""
+"""Read a joint's elements in a URDF as numbers and check them: origin, axis, limit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from armd.errors import BadInput
 from armd.terminal.suggest import format_names
 
 TURNING = ("revolute", "continuous")
-#: What an origin or an axis may say: whatever else stands there would be passed over in silence.
+#: Allowed attributes of an origin and an axis; any other is an error, because it would be ignored.
 ORIGIN, AXIS = {"xyz", "rpy", "quat_xyzw"}, {"xyz"}
 
 
@@ -26,7 +26,10 @@ def describe_joint(joint: Element) -> str:
 
 
 def read_origin(path: Path, joint: Element) -> tuple[F64, F64]:
-    """Metres (3,) and the rotation matrix (3, 3)."""
+    """Return a joint's origin in metres (3,) and its rotation matrix (3, 3).
+
+    Raises `BadInput`.
+    """
     origin = _find_only(path, joint, "origin", ORIGIN)
     if origin is None:
         return np.zeros(3), np.eye(3)
@@ -44,7 +47,7 @@ def read_origin(path: Path, joint: Element) -> tuple[F64, F64]:
 
 
 def read_axis(path: Path, joint: Element) -> F64:
-    """Unit vector (3,)."""
+    """Return a joint's axis, a unit vector (3,); raises `BadInput`."""
     axis = _find_only(path, joint, "axis", AXIS)
     place = f"{describe_joint(joint)}, axis"
     text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
@@ -57,7 +60,10 @@ def read_axis(path: Path, joint: Element) -> F64:
 
 
 def _find_only(path: Path, joint: Element, tag: str, attributes: set[str]) -> Element | None:
-    """The one element *tag* of a joint, or None; raises `BadInput` for what armd does not know."""
+    """Return the only element *tag* of a joint, or None.
+
+    Raises `BadInput` for attributes or elements that armd does not know.
+    """
     elements = joint.findall(tag)
     place = f"{describe_joint(joint)}, {tag}"
     if len(elements) > 1:

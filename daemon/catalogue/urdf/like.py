@@ -1,8 +1,8 @@
-"""A person's own URDF with the joints between base and tip where a geometry has them.
+"""Edit the joints of a user's URDF, between base and tip, to match a geometry.
 
-Link k is held to the frame of its joint, G_k = F_{k−1}·Rz(θ_k), as in the original: it moves along
-with what the calibration changes before it, θ_k included, and its axis stays the one of the file.
-Lengths in metres and mm: the URDF's and armd's.
+Link k keeps its pose in the frame of its joint, G_k = F_{k−1}·Rz(θ_k), as in the original. It moves
+with all that the calibration changes before it, θ_k included, and its axis stays the file's.
+Lengths are in metres in the URDF and in mm in armd.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from armd.daemon.catalogue.urdf.xml_tree import read_robot
 from armd.errors import ArmdError, BadInput
 from armd.files.inputs import read_input
 
-#: Numbers of the file stay as they are where the geometry's are no farther off (m, rad).
+#: Numbers of the file stay where they differ less from the geometry's (m, rad).
 SAME = 1e-10
-#: What the edited file's tip may differ by from armd's.
+#: Largest allowed difference of the edited file's tip from armd's.
 EXACT_MM, EXACT_RAD = 1e-6, 1e-9
 CHECKED = 1000
 
 
 @dataclass(frozen=True)
 class Edited:
-    """The file's new content, and how it compares."""
+    """The file's new content, and its differences."""
 
     content: bytes
     off_mm: float  # its tip from armd's, largest
@@ -61,13 +61,13 @@ def correct_urdf(
     base_link: str | None = None,
     tip_link: str | None = None,
 ) -> Edited:
-    """The URDF *path* with this geometry; raises `BadInput` for the URDF of another arm."""
+    """Return the URDF *path* with this geometry; raises `BadInput` for another arm's URDF."""
     content = read_input(path)
     places = find_robot_joints(path, content)
     root = read_robot(path, content)
     joints, ends = list_joints_between(path, root, base_link, tip_link)
     chain = JointChain.from_joints(path, joints)
-    follow_joints(path, joints, "", ends)  # refuses what is no chain of turning joints
+    follow_joints(path, joints, "", ends)  # raises for other than a chain of turning joints
     turning = [k for k, axis in enumerate(chain.axes) if axis is not None]
     if len(turning) != arm.n_joints:
         names = ", ".join(joints[k].get("name", "") for k in turning)
@@ -96,13 +96,13 @@ def correct_urdf(
 
 
 def find_robot_joints(path: Path, content: bytes) -> list[JointPlaces]:
-    """As `find_joints`, once the file is known to be a robot's."""
+    """Return the result of `find_joints`, after a check that the file is a robot's."""
     read_robot(path, content)
     return find_joints(path, content)
 
 
 def _compute_tip_turn(chain: JointChain, arm: Arm, base: FramePose) -> F64:
-    """Rotation (3, 3) from armd's last frame to the tip's link, as drawn."""
+    """Return the nominal rotation (3, 3) from armd's last frame to the tip's link."""
     last = base.rotation @ compute_pose(np.zeros((1, arm.n_joints)), arm.nominal())[1][0]
     turned: F64 = last.T @ chain.links()[-1].rotation
     return turned
@@ -119,7 +119,7 @@ def _locate_tip(
 def _compute_targets(
     chain: JointChain, turning: list[int], arm: Arm, parameters: F64, base: FramePose
 ) -> list[tuple[FramePose, F64 | None]]:
-    """The origin of each joint, and its axis."""
+    """Return the origin of each joint, and its axis."""
     nominal, calibrated = (compute_joint_frames(arm, p) for p in (arm.nominal(), parameters))
     links = chain.links()
     position, rotation = _locate_tip(np.zeros((1, arm.n_joints)), chain, arm, parameters, base)
@@ -142,14 +142,17 @@ def _compute_targets(
 
 
 def _move_onto_axis(pose: FramePose, axis: F64) -> FramePose:
-    """A link in its joint's frame, with its axis along z and its origin on it."""
+    """Return a link in its joint's frame, with its axis along z and its origin on it."""
     along = pose.rotation @ axis
     rotation = find_least_rotation(along, np.array([0.0, 0.0, 1.0])) @ pose.rotation
     return FramePose(rotation, np.array([0.0, 0.0, pose.origin[2]]))
 
 
 def _compute_axis_at_tip(chain: JointChain, joint: FramePose, tip: FramePose, axis: F64) -> F64:
-    """The axis (3,) of a last joint that moves the tip's link itself."""
+    """Return the axis (3,) of a last joint that moves the tip's link itself.
+
+    Raises `BadInput` if the tip is off that axis.
+    """
     off = np.cross(joint.rotation[:, 2], tip.origin - joint.origin)
     off_mm = float(np.linalg.norm(off))
     if off_mm > EXACT_MM / 10:
@@ -184,7 +187,7 @@ def _make_edits(
 
 
 def _format_rotation(origin: Element | None, rotation: F64) -> tuple[str, F64, F64]:
-    """The attribute that says it, its numbers in the file, and those of *rotation*."""
+    """Return the rotation's attribute, its numbers in the file, and those of *rotation*."""
     attributes = {} if origin is None else origin.attrib
     if "quat_xyzw" in attributes:
         old = np.array(attributes["quat_xyzw"].split(), dtype=np.float64)
@@ -194,6 +197,6 @@ def _format_rotation(origin: Element | None, rotation: F64) -> tuple[str, F64, F
 
 
 def _list_changed(old: F64, new: F64, same: float) -> list[float | None]:
-    """The new numbers; None where the old one may stay."""
+    """Return the new numbers; None where the old one may stay."""
     pairs = zip(old.tolist(), new.tolist(), strict=True)
     return [None if abs(a - b) <= same else b for a, b in pairs]

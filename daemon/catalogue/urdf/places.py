@@ -1,8 +1,8 @@
-"""Where the joints of a URDF stand in its file, byte for byte, so that numbers alone are edited.
+"""Find the byte positions of a URDF's joints, so that only numbers are edited.
 
-No parser writes a file back as it was: comments, white space, quotation marks and the order of
-attributes are somebody's. An edit here replaces the text of one number, or puts in an attribute or
-element that was missing.
+No parser writes a file back unchanged: comments, white space, quotation marks and the order of
+attributes would be lost. An edit here replaces the text of one number, or inserts a missing
+attribute or element.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from xml.parsers import expat
 
 from armd.errors import BadInput
 
-#: Of an attribute; None: as it is.
+#: The numbers of an attribute; None leaves one unchanged.
 Numbers = Sequence[float | None]
 
 _NAME = re.compile(rb"<[^\s/>]+")
@@ -25,7 +25,7 @@ _END = re.compile(rb"\s*/?>")
 
 @dataclass(frozen=True)
 class Edit:
-    """The bytes from *start* to *end* become *text*."""
+    """Replace the bytes from *start* to *end* with *text*."""
 
     start: int
     end: int
@@ -34,7 +34,7 @@ class Edit:
 
 @dataclass(frozen=True)
 class StartTag:
-    """A start tag of the file, from `<` to behind `>`."""
+    """The position of a start tag, from `<` to behind `>`."""
 
     start: int
     end: int
@@ -44,16 +44,18 @@ class StartTag:
 
 @dataclass
 class JointPlaces:
-    """A `<joint>` of the robot."""
+    """The positions of a robot's `<joint>` and of its child elements."""
 
     tag: StartTag
     children: dict[str, StartTag] = field(default_factory=dict)
-    first_child: int = 0  # where its `<` stands
+    first_child: int = 0  # the offset of its `<`
 
 
 def find_joints(path: Path, content: bytes) -> list[JointPlaces]:
-    """Each `<joint>` right below the root, in the order of the file; raises `BadInput` for a file
-    whose bytes are not ASCII's."""
+    """Return each `<joint>` directly below the root, in the order of the file.
+
+    Raises `BadInput` for a file in UTF-16.
+    """
     if b"\0" in content:
         raise BadInput(path, "the file", "UTF-16", "a URDF in UTF-8, to edit its numbers in place")
     parser = expat.ParserCreate()
@@ -95,9 +97,9 @@ def _parse_start_tag(content: bytes, start: int) -> StartTag:
 def replace_tag(
     content: bytes, joint: JointPlaces, tag: str, attributes: Mapping[str, Numbers]
 ) -> list[Edit]:
-    """Edits that give attributes of a joint's *tag* these numbers; None leaves one as it is.
+    """Return edits that set attributes of a joint's *tag*; None leaves a number unchanged.
 
-    Of an attribute or element that is missing, None is 0.
+    In a missing attribute or element, None becomes 0.
     """
     changed = {
         name: numbers
@@ -135,7 +137,7 @@ def _format_attribute(name: str, numbers: Numbers) -> str:
 
 
 def apply_edits(content: bytes, edits: Iterable[Edit]) -> bytes:
-    """The content with all *edits*; those at one place stand in their order."""
+    """Return the content with all *edits*; those at one position keep their order."""
     parts, done = [], 0
     for edit in sorted(edits, key=lambda edit: edit.start):
         parts += [content[done : edit.start], edit.text]

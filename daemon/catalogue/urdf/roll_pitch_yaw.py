@@ -8,12 +8,12 @@ import numpy as np
 
 from armd.arrays import F64
 
-#: Nearer to pitch = ±90° than this, roll is kept as it was: only roll ∓ yaw turns anything.
+#: Nearer to pitch = ±90° than this, roll stays: only roll ∓ yaw has an effect there.
 LOCKED = 1e-13
 
 
 def convert_rpy_to_matrix(rpy: F64) -> F64:
-    """Rotation matrix (3, 3) of roll, pitch, yaw (3,) rad."""
+    """Return the rotation matrix (3, 3) of roll, pitch, yaw (3,) rad."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
         [
@@ -25,7 +25,7 @@ def convert_rpy_to_matrix(rpy: F64) -> F64:
 
 
 def convert_quaternion_to_matrix(quaternion: F64) -> F64:
-    """Rotation matrix (3, 3) of x, y, z, w (4,), of any length but 0."""
+    """Return the rotation matrix (3, 3) of x, y, z, w (4,), of any length but 0."""
     x, y, z, w = quaternion / np.linalg.norm(quaternion)
     return np.array(
         [
@@ -37,8 +37,11 @@ def convert_quaternion_to_matrix(quaternion: F64) -> F64:
 
 
 def convert_matrix_to_rpy(rotation: F64, reference: F64 | None = None) -> F64:
-    """Roll, pitch, yaw (3,) rad of a rotation matrix (3, 3); of the two triples, and of whole
-    turns, those nearest to *reference* (3,), or to zero."""
+    """Return roll, pitch, yaw (3,) rad of a rotation matrix (3, 3).
+
+    Two triples, and whole turns, give the same rotation. The triple nearest to *reference* (3,), or
+    to zero, is returned.
+    """
     reference = np.zeros(3) if reference is None else reference
     across = math.hypot(rotation[2, 1], rotation[2, 2])
     pitch = math.atan2(-rotation[2, 0], across)
@@ -55,8 +58,11 @@ def convert_matrix_to_rpy(rotation: F64, reference: F64 | None = None) -> F64:
 
 
 def _choose_nearest(rotation: F64, roll: float, pitch: float, reference: F64) -> F64:
-    """The triple with this roll and pitch. Yaw is of what is left when roll is undone, so that
-    their sum is exact even where roll alone hardly turns anything."""
+    """Return the triple with this roll and pitch.
+
+    Yaw follows from the rotation with roll undone. So their sum is exact even where roll alone has
+    hardly any effect.
+    """
     c, s = math.cos(roll), math.sin(roll)
     y = c * rotation[:, 1] - s * rotation[:, 2]  # (R·Rx(−roll)) e_y
     principal = np.array([roll, pitch, math.atan2(-y[0], y[1])])
@@ -70,7 +76,7 @@ def _measure_distance(triple: F64, reference: F64) -> float:
 
 
 def convert_matrix_to_quaternion(rotation: F64) -> F64:
-    """x, y, z, w (4,) with w ≥ 0 of a rotation matrix (3, 3)."""
+    """Return x, y, z, w (4,) with w ≥ 0 of a rotation matrix (3, 3)."""
     half = np.eye(4)
     half[:3, :3] = rotation + rotation.T - np.trace(rotation) * np.eye(3)
     half[:3, 3] = half[3, :3] = [

@@ -1,7 +1,7 @@
-"""A robot's URDF as an arm.toml: rows of Denavit–Hartenberg parameters, joint by joint.
+"""Convert a robot's URDF to an arm.toml: Denavit–Hartenberg rows, joint by joint.
 
-Axes at zero angles are lines in the base frame, which `axes` makes rows of. The base's own pose is
-left out, for a placement absorbs it; what it does to the direction of gravity is not.
+Axes at zero angles are lines in the base frame; `axes` converts them to rows. The base's own pose
+is dropped, because a placement absorbs it, but its effect on the direction of gravity is kept.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ KEYS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
 
 @dataclass(frozen=True)
 class Chain:
-    """Of the base to a link, at zero angles, mm in the base frame."""
+    """The chain from the base to a link, at zero angles, mm in the base frame."""
 
     origins: F64  # (N, 3) a point on each axis
     axes: F64  # (N, 3) directions
@@ -48,7 +48,10 @@ class Chain:
 
 
 def write_arm_toml(path: Path, tip_link: str | None = None) -> tuple[str, list[str]]:
-    """The file's text, and what is said of it; raises `BadInput` for no chain of turning joints."""
+    """Return the text of arm.toml, and remarks.
+
+    Raises `BadInput` if the file has no chain of turning joints.
+    """
     chain = read_chain(path, tip_link)
     rows, tip, first = compute_denavit_hartenberg(chain)
     serial = re.sub(r"[^!-~]|[*$?#/]", "-", chain.name)[:16] or "ARM-1"
@@ -82,8 +85,10 @@ def write_arm_toml(path: Path, tip_link: str | None = None) -> tuple[str, list[s
 
 
 def compute_denavit_hartenberg(chain: Chain) -> tuple[F64, F64, F64]:
-    """Rows (N, 5) of θ°, d mm, a mm, α°, β°, the tip (3,) mm in the last frame, and the first
-    frame's rotation (3, 3)."""
+    """Return rows (N, 5) of θ°, d mm, a mm, α°, β°, and tip and first frame.
+
+    The tip (3,) mm is in the last frame; the first frame is its rotation (3, 3).
+    """
     z = chain.axes[0]
     x = choose_across(z)
     rows, tip = convert_axes_to_rows(chain.origins, chain.axes, chain.tip, x)
@@ -91,7 +96,7 @@ def compute_denavit_hartenberg(chain: Chain) -> tuple[F64, F64, F64]:
 
 
 def read_chain(path: Path, tip_link: str | None = None, base_link: str | None = None) -> Chain:
-    """Raises `BadInput`."""
+    """Read the chain from the base link to the tip's; raises `BadInput`."""
     root = read_robot(path)
     joints, ends = list_joints_between(path, root, base_link, tip_link)
     return follow_joints(path, joints, root.get("name", ""), ends)
@@ -100,12 +105,13 @@ def read_chain(path: Path, tip_link: str | None = None, base_link: str | None = 
 def list_joints_between(
     path: Path, root: Element, base_link: str | None, tip_link: str | None
 ) -> tuple[list[Element], tuple[str, str]]:
-    """The joints from the base link to the tip's, in their order, and the names of both links.
+    """Return the joints from the base link to the tip's, and the names of both links.
 
-    Without *base_link* from the root, without *tip_link* to the only end. Raises `BadInput`.
+    The joints are in their order. Without *base_link* the chain begins at the root, without
+    *tip_link* it ends at the only end. Raises `BadInput`.
     """
     joints: dict[str, Element] = {}
-    for joint in root.findall("joint"):  # of the robot: what stands deeper is a simulator's
+    for joint in root.findall("joint"):  # deeper ones are a simulator's
         child, parent = joint.find("child"), joint.find("parent")
         if child is None or parent is None:
             continue
@@ -137,7 +143,10 @@ def list_joints_between(
 
 
 def follow_joints(path: Path, links: list[Element], name: str, ends: tuple[str, str]) -> Chain:
-    """Axes and tip at zero angles of these joints, in the frame of the first one's parent."""
+    """Compute axes and tip of these joints at zero angles.
+
+    They are in the frame of the first joint's parent. Raises `BadInput`.
+    """
     rotation, position = np.eye(3), np.zeros(3)
     origins, axes, limits, names = [], [], [], []
     for joint in links:

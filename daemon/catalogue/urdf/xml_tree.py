@@ -1,6 +1,6 @@
-"""An XML file of a robot as a tree, read as ROS reads it: a prefix is a part of a name.
+"""Read a robot's XML file as a tree like ROS does: a prefix is part of a name.
 
-No namespace is looked up, so one that nobody declared is no error, and no entity is expanded.
+Namespaces are not looked up, so an undeclared one is not an error. Entities are refused.
 """
 
 from __future__ import annotations
@@ -12,15 +12,17 @@ from xml.parsers import expat
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 
-#: What a file of a robot is called.
+#: Suffixes of a robot's files.
 ROBOTS = (".urdf", ".xml", ".xacro", ".sdf")
-#: No robot's description is deeper than some dozen elements.
+#: Limit of the depth; a robot's description has at most some dozen levels.
 MOST_DEEP = 200
 
 
 def read_robot(path: Path, content: bytes | None = None) -> Element:
-    """The `<robot>` of a URDF, or of its *content*; raises `BadInput` for what is none, by what it
-    is."""
+    """Return the `<robot>` of a URDF, or of its *content*.
+
+    Raises `BadInput` for another format, and names it.
+    """
     root = read_xml(path, content)
     if path.suffix.lower() == ".xacro" or any(_is_xacro(element) for element in root.iter()):
         urdf_name = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
@@ -45,7 +47,7 @@ def _is_xacro(element: Element) -> bool:
 
 
 def read_xml(path: Path, content: bytes | None = None) -> Element:
-    """The root element of the file, or of its *content*; raises `BadInput` for what is no XML."""
+    """Return the root element of the file, or of its *content*; raises `BadInput`."""
     content = read_input(path) if content is None else content
     builder = TreeBuilder()
     parser = expat.ParserCreate()
@@ -77,6 +79,6 @@ def read_xml(path: Path, content: bytes | None = None) -> Element:
         parser.Parse(content, True)
     except expat.ExpatError as error:
         raise BadInput(path, "the file", str(error), "a URDF (XML)") from error
-    except (ValueError, LookupError) as error:  # of an encoding that Python does not know
+    except (ValueError, LookupError) as error:  # an encoding that Python does not know
         raise BadInput(path, "the file", str(error), "a URDF (XML) in UTF-8") from error
     return builder.close()

@@ -1,1 +1,1 @@
-"""Commands that a running daemon feeds, or that ask something of it."""
+"""Commands that read a running daemon, or ask it to do something."""

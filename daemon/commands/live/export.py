@@ -1,5 +1,8 @@
-"""`armd export [SERIAL | FILE]`: measurements to `.csv`, `.xyz`, `.ply` or `.qif`;
-a recording to `.mcap` as Foxglove draws it."""
+"""`armd export [SERIAL | FILE]`: write measurements to a file that other programs open.
+
+The formats are `.csv`, `.xyz`, `.ply` and `.qif`; a recording can become an `.mcap` that Foxglove
+draws.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +24,13 @@ from armd.terminal.arguments import add_endpoint
 from armd.terminal.aside import make_aside
 from armd.terminal.counted import format_count
 
-#: Beside the texts, how a recording's file is known that was written before.
+#: The tests of `formats`, and one for an earlier export to `.mcap`.
 WRITTEN_BEFORE: dict[str, Callable[[bytes], bool]] = {
     **formats.WRITTEN_BEFORE,
     ".mcap": lambda head: head.startswith(b"\x89MCAP") and b"foxglove-sdk" in head[:100],
 }
 SUFFIXES = tuple(WRITTEN_BEFORE)
-#: What a file without the arm's `info` says of its tip: the shaft is the last frame's own axis.
+#: Default for a file without the arm's `info`: the tip's shaft is the last frame's z axis.
 NO_INFO = {
     "arm": {"tip": {"offset_mm": [0.0, 0.0, 0.0], "radius_mm": 0.0}},
     "configuration": {"tips": {}},
@@ -125,7 +128,7 @@ def _find_own_log(serial: str | None) -> Path:
 
 
 def parse_instant_ns(text: str) -> int:
-    """Without an offset it is UTC, as armd writes all its times; raises `BadInput`."""
+    """Parse a time; without an offset it is UTC, as in all of armd; raises `BadInput`."""
     try:
         ns = round(float(text) * 1e9)
     except (ValueError, OverflowError):

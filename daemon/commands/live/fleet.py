@@ -1,4 +1,4 @@
-"""`armd fleet`: all arms that can be heard at one endpoint, usually a plant's router."""
+"""`armd fleet`: list all arms at one endpoint, usually a plant's router."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class _Screen(Live):
 
 
 def make_table(fleet: Fleet) -> Table:
-    """Return what is known of the arms; no word of theirs is markup or obeyed by the terminal."""
+    """Return a table of the arms; their texts are shown without markup and control codes."""
     table = Table("arm", "state", "points/s", "lost", "temperatures", "calibration")
     for row in fleet.rows():
         state = Text(to_printable(row["state"]), COLOURS.get(row["state"], ""))

@@ -1,4 +1,4 @@
-"""`armd measure KIND [SERIAL] -o SESSION`: leads through a measurement on the live arm."""
+"""`armd measure KIND [SERIAL] -o SESSION`: guide a measurement on the live arm."""
 
 from __future__ import annotations
 
@@ -118,7 +118,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The last command's code; 1 if it was interrupted before its end."""
+    """Measure, run the final commands, and return the largest exit code of them.
+
+    It is 1 if the measurement was interrupted before its end.
+    """
     options = _read_options(args)
     check_output_folder(args.output)
     artefact = None if args.artefact is None else load_toml(args.artefact, ArtefactFile).artefact
@@ -136,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
         in_use = get_in_use(arm)
         plan = make_plan(args.kind, in_use.arm, artefact, wishes)
         with Measuring(args.output, plan, in_use) as measuring:
-            # refused now rather than at the end
+            # checked now, so that it is not refused at the end
             list_commands(measuring.folder, measuring.plan, measuring.in_use, options)
             if args.artefact_c is not None:
                 measuring.set_artefact_c(args.artefact_c)

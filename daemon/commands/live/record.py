@@ -1,7 +1,8 @@
-"""`armd record [SERIAL]`: everything an arm's daemon says, into an MCAP file.
+"""`armd record [SERIAL]`: record all messages of an arm's daemon in an MCAP file.
 
-`armd record --session DIR`: its measurements, into a session for `armd calibrate`.
-`armd record --lake DIR`: its points with joints and temperatures, into Parquet files.
+`armd record --session DIR`: record its measurements in a session for `armd calibrate`.
+
+`armd record --lake DIR`: record its points with joints and temperatures in Parquet files.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ from armd.terminal.counted import format_count
 POLL_S = 0.01
 WAIT_S = 60.0  # for an arm to show up
 FIRST_S = 1.0  # for its frames to begin
-FIRST_JOINTS_S = 3.0  # for its joints to begin, which it publishes once they are asked for
-#: Points that may wait while a file is written: two minutes at 1 kHz, in 18 MB.
+FIRST_JOINTS_S = 3.0  # for its joints to begin; it publishes them only on request
+#: Points that may be queued while a file is written: two minutes at 1 kHz, in 18 MB.
 WAITING_POINTS = 1 << 17
 
 
@@ -71,8 +72,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0; 1 if nothing came over the wire, raw frames or points were lost on the way here, or a
-    session got no reading."""
+    """Record until the end, and return the exit code.
+
+    It is 1 if nothing came over the wire, if raw frames or points were lost on the way here, or if
+    a session got no reading; else 0.
+    """
     if args.lake is not None:
         check_output_folder(args.lake)
     if args.session is None:
@@ -117,7 +121,7 @@ def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], b
         args.placement or "1",
     )
     heard: deque[bytes] = deque()
-    with arm.calling(keys.MEASUREMENT, heard.append):  # from now on, not those of the past
+    with arm.calling(keys.MEASUREMENT, heard.append):  # only new ones
         print(
             to_printable(f"armd: {arm.serial} to {args.session}; first {folder.target}"), flush=True
         )
@@ -126,7 +130,7 @@ def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], b
             while heard:
                 measurement = json.loads(heard.popleft())
                 if measurement.get("trigger") != trigger:
-                    continue  # a press in a rest that has been taken: not a second reading
+                    continue  # a press during a rest that is already a reading
                 try:
                     text = folder.take(measurement)
                 except (KeyError, TypeError, ValueError) as error:
@@ -147,14 +151,14 @@ def _record_lake(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool
         health = opened.enter_context(arm.stream(keys.HEALTH))
         joints = opened.enter_context(arm.stream(keys.JOINTS, WAITING_POINTS))
         first = _receive_first(joints, FIRST_JOINTS_S)
-        # Points only now: the joints of each of them come.
+        # Subscribe to points only now, so that each of them has its joints.
         points = opened.enter_context(arm.stream(keys.POINT, WAITING_POINTS))
 
         def take(messages: list[dict[str, Any]], first: Sequence[bytes] = ()) -> None:
             for message in messages:
                 lake.take_temperatures(message["stamp_ns"], message["temperatures"])
             waiting = points.take()
-            arm.decode(waiting)  # which counts those that are lost
+            arm.decode(waiting)  # counts lost points
             lake.take(waiting, [*first, *joints.take()])
 
         take([arm.state()], first)
@@ -178,8 +182,8 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
     with ExitStack() as opened:
         output = args.output or choose_default_path(arm.serial)
         opened.enter_context(explain_os_errors(output))
-        # Buffered: mcap would buffer a raw file itself, and not flush the last few bytes. What a
-        # killed recorder loses is the chunk in progress either way.
+        # Buffered: mcap would buffer a raw file itself, and not flush the last few bytes. A killed
+        # recorder loses the chunk in progress either way.
         file = opened.enter_context(output.open("wb" if args.output else "xb"))
         recorder = opened.enter_context(closing(Recorder(file, arm.info(), arm.calibration_file())))
         raw = opened.enter_context(arm.stream(keys.RAW))
@@ -189,7 +193,7 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
             for topic_key in TOPICS
             if topic_key != keys.POINT
         }
-        # Once frames arrive none is missed; the preamble tells what came before them.
+        # Once frames arrive, none is missed; the preamble describes those before them.
         waiting = _receive_first(raw, FIRST_S)
         following, preamble = arm.preamble()
         recorder.begin(following, preamble)
@@ -212,7 +216,7 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
 
 
 def _warn_unless_ready(arm: Arm) -> None:
-    """At the beginning, not by an empty file at the end."""
+    """Warn at the beginning, because an empty file would show it only at the end."""
     health = arm.state()
     if health.get("state") == State.NOT_READY:
         text = f"armd: warning: {arm.serial} is {State.NOT_READY}: {health.get('reason')}"
@@ -220,7 +224,7 @@ def _warn_unless_ready(arm: Arm) -> None:
 
 
 def _receive_first(stream: Stream, seconds: float) -> list[bytes]:
-    """The first payloads that arrive; none from an arm that is silent."""
+    """Return the first payloads that arrive; none from an arm that is silent."""
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         if payloads := stream.take():

@@ -1,4 +1,4 @@
-"""`armd reload [SERIAL]`: the daemon reads its calibration again, as on SIGHUP."""
+"""`armd reload [SERIAL]`: make the daemon read its calibration again, as on SIGHUP."""
 
 from __future__ import annotations
 

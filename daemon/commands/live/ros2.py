@@ -1,4 +1,4 @@
-"""`armd ros2 [SERIAL]`: native ROS 2 topics in rmw_zenoh's dialect; `--urdf` draws the arm."""
+"""`armd ros2 [SERIAL]`: publish native ROS 2 topics as rmw_zenoh does; `--urdf` writes the arm."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
             calibration = arm.calibration_file()
             text = urdf.write(arm.info(), calibration, settings.namespace, settings.frame)
         write_whole(args.urdf, text)
-        if sentence := urdf.describe_omissions(calibration):  # of the result: said with -q, too
+        if sentence := urdf.describe_omissions(calibration):  # printed with -q, too
             print(f"armd: {args.urdf}: {to_printable(sentence)}", file=sys.stderr)
         return 0
     if args.router is None:

@@ -1,6 +1,6 @@
-"""`armd status [SERIAL]`: how a running daemon does, for people and scripts.
+"""`armd status [SERIAL]`: show the state of a running daemon, for people and scripts.
 
-Exit code 0: it measures (READY, WARMING); 1: not, or not well; 2: no daemon there.
+Exit code 0: it measures (READY, WARMING); 1: it does not, or not well; 2: no daemon there.
 """
 
 from __future__ import annotations

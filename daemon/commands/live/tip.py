@@ -28,7 +28,7 @@ from armd.terminal.suggest import suggest
 
 OWN = "-"
 VERBS = ("list", "use", "calibrate", "apply", "history")
-#: As armd.toml's `limits.tip_offset_mm`: beyond it a moved tip is warned of.
+#: Default of armd.toml's `limits.tip_offset_mm`: a tip that moved farther gives a warning.
 LIMIT_MM = 0.1
 
 
@@ -73,10 +73,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0; of calibrate 1 where the verdict is doubtful."""
+    """Run the verb and return the exit code; it is 1 for a calibration with a doubtful verdict."""
     verb, words = args.words[0], args.words[1:]
     if verb not in VERBS:
-        if guess := suggest(verb, VERBS):  # a tip of such a name wants its verb before it
+        if guess := suggest(verb, VERBS):  # a tip with such a name needs the verb `use`
             expected = f"one of {', '.join(VERBS)}, or the NAME of a tip{guess}"
             raise BadInput("the command line", "armd tip", repr(verb), expected)
         verb, words = "use", args.words
@@ -151,7 +151,7 @@ def _list_tips(args: argparse.Namespace, words: list[str]) -> int:
 
 def _format_calibration(entry: dict[str, Any]) -> tuple[str, str, str]:
     expanded = 2 * max(entry["standard_uncertainty_mm"])
-    # Its reasons stand where it was calibrated, and in the file.
+    # The verdict's reasons are in the calibration's output and in the file.
     return (
         _format_minute(entry),
         f"{expanded:.4f}",
@@ -164,7 +164,7 @@ def _make_when_column() -> Column:
 
 
 def _format_minute(entry: dict[str, Any]) -> str:
-    """To the minute, UTC."""
+    """Format the time of measurement to the minute, UTC."""
     return str(entry["measured"])[:16].replace("T", " ")
 
 

@@ -1,4 +1,4 @@
-"""`armd view [SERIAL]`: the page, served to browsers."""
+"""`armd view [SERIAL]`: serve the live page to browsers."""
 
 from __future__ import annotations
 
@@ -49,7 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises `BadInput` for a listener on the network without certificate, token and name."""
+    """Serve the page.
+
+    Raises `BadInput` for a listener on the network without certificate, token and name.
+    """
     if not is_loopback(args.listen[0]):
         _check_network(args)
     tls = _load_tls(args)

@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     with armd.connect(args.serial, args.endpoint) as arm, suppress(KeyboardInterrupt):
         try:
             (_print_json if args.json else _show)(arm, args.seconds)
-        except BrokenPipeError:  # `armd watch --json | head -1` has seen enough
+        except BrokenPipeError:  # the reader has ended, as in `armd watch --json | head -1`
             drop_output()
     return 0
 
@@ -40,7 +40,7 @@ def _print_json(arm: Arm, seconds: float | None) -> None:
 
 
 def _to_json(point: Point) -> dict[str, object]:
-    """As JSON: no NaN (null instead), flags also by name."""
+    """Return a point as JSON: no NaN (null instead), flags also by name."""
     content: dict[str, object] = {
         name: [None if math.isnan(x) else x for x in value] if isinstance(value, tuple) else value
         for name, value in point._asdict().items()

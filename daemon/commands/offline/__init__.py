@@ -1,1 +1,1 @@
-"""Commands that make measured data into models, verdicts and corrected points."""
+"""Commands that turn measured data into models, verdicts and corrected points."""

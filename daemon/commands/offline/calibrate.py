@@ -113,5 +113,5 @@ def _print(result: Result, written: str) -> None:
         )
     for note in result.notes:
         console.print(note)
-    console.print(result.certificate.in_words(), soft_wrap=True)  # its command is to be copied
+    console.print(result.certificate.in_words(), soft_wrap=True)  # a command to copy
     console.print(f"written: {written}", soft_wrap=True)

@@ -1,4 +1,4 @@
-"""`armd compensate`: the joint angles to command so that the real tip is where it is wanted."""
+"""`armd compensate`: compute joint commands that bring the real tip to a wanted position."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from armd.terminal.counted import format_count
 COMMANDED = OutputKind(
     "a table of commands", has_columns("q1_command", "change_mm", "residual_mm", "status")
 )
-#: Of lengths in the table: a nanometre and below is rounding.
+#: Decimals of the table's lengths in mm; smaller digits are rounding errors.
 DECIMALS = 9
 
 
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         problem = f"{repeated[0]} already"
         raise BadInput(table, "the header", problem, "a table without columns of commands")
     lines = _split_lines(readings)
-    read_angles(readings, arm, unit)  # none may be missing
+    read_angles(readings, arm, unit)  # raises if one is missing
     batch = corrector.take(readings)
     corrector.ended(table)
     moving = _follows_rates(readings, batch.states)
@@ -90,7 +90,7 @@ def _name_columns(arm: Arm) -> list[str]:
 
 
 def _follows_rates(readings: Readings, states: States) -> Mask:
-    """(n,) whether the approach is not the table's own but the way that the rates move the tip."""
+    """Return (n,) whether the approach follows from the rates, not from the table."""
     given_approach = np.column_stack([readings.optional(name) for name in APPROACH])
     is_known = np.logical_and.reduce(np.isfinite(states.approach), axis=1)
     follows: Mask = is_known & np.logical_or.reduce(np.isnan(given_approach), axis=1)
@@ -98,7 +98,10 @@ def _follows_rates(readings: Readings, states: States) -> Mask:
 
 
 def _split_lines(readings: Readings) -> list[bytes]:
-    """The table's own lines, the header first; raises `BadInput` where a row is not one line."""
+    """Return the table's lines, the header first.
+
+    Raises `BadInput` where a row is not one line.
+    """
     content = read_input(readings.path)
     lines = [line.rstrip(b"\r\n") for line in io.BytesIO(content) if line.strip()]
     if len(lines) != readings.n + 1:
@@ -107,7 +110,7 @@ def _split_lines(readings: Readings) -> list[bytes]:
 
 
 def _join_text(lines: list[bytes], commanded: CommandedAngles, arm: Arm, unit: AngleUnit) -> bytes:
-    """The table with its own text letter by letter, and the new columns behind it."""
+    """Return the table with its text unchanged and the new columns behind it."""
     scale = np.array([_get_radians(arm, k, unit) for k in range(arm.n_joints)])
     out = [lines[0] + b"," + ",".join(_name_columns(arm)).encode()]
     lengths = np.round(np.column_stack([commanded.change_mm, commanded.residual_mm]), DECIMALS)
@@ -119,7 +122,7 @@ def _join_text(lines: list[bytes], commanded: CommandedAngles, arm: Arm, unit: A
 
 
 def _get_radians(arm: Arm, k: int, unit: AngleUnit) -> float:
-    """What one of the unit is, of joint *k* from 0; as `angles` has it."""
+    """Return one unit of joint *k* (from 0) in radians, consistent with `read_angles`."""
     if unit == "count":
         joint = arm.joint[k]
         return joint.direction * math.tau / float(joint.counts_per_turn or 1)

@@ -1,4 +1,4 @@
-"""`armd correct`: readings in, the same readings with corrected points out, same kernel."""
+"""`armd correct`: write readings with their corrected points, by the daemon's kernel."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from armd.terminal.aside import make_aside, show_bar
 from armd.terminal.counted import format_count
 from armd.terminal.suggest import list_folder
 
-#: What more there is to remark is counted.
+#: Further remarks are only counted.
 MOST_REMARKS = 10
 
 

@@ -1,4 +1,4 @@
-"""`armd design`: the poses to measure next, or first."""
+"""`armd design`: choose the poses to measure next, or first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`armd diagnose`: what the model gets wrong, why, the extended model, the gain."""
+"""`armd diagnose`: find the model's errors and their causes; extend it; report the gain."""
 
 from __future__ import annotations
 
@@ -109,5 +109,5 @@ def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:
 
 
 def _format_share(probability: float) -> str:
-    """A probability as a person reads it: what is small is not nothing."""
+    """Format a probability for a person; a small one is not shown as zero."""
     return f"{probability:.2f}" if probability >= 0.01 else "under 0.01"

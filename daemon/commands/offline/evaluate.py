@@ -1,4 +1,4 @@
-"""`armd evaluate`: residuals of sessions under a model."""
+"""`armd evaluate`: compute residuals of sessions under a model."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from armd.terminal.aside import make_aside
 from armd.terminal.counted import format_count
 from armd.terminal.plain import make_plain_console
 
-#: More readings are not held at once only to say what may be wrong with them.
+#: More readings are not loaded at once only to explain large residuals.
 MOST_HELD = 1_000_000
 
 
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
 def _describe_why(
     args: argparse.Namespace, arm: Arm, calibration: Calibration | None, result: dict[str, Any]
 ) -> str:
-    """What may be wrong where residuals are no arm's."""
+    """Describe possible reasons for residuals too large for an arm."""
     if result["n"] <= MOST_HELD:
         sessions = load_sessions(args.session, arm)
         observations = collect_observations(

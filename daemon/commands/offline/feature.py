@@ -1,4 +1,4 @@
-"""`armd feature`: geometric features through measured points, their distances and angles."""
+"""`armd feature`: fit geometric features to measured points; compute distances and angles."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ Operand = tuple[Shape, Path, str]
 
 
 def _parse_operand(kind: str, text: str) -> Operand:
-    """A shape, a file, and rows ("" for all)."""
+    """Return a shape, a file, and rows ("" for all)."""
     shape, operand = kind, text
     if kind in RELATIONS:
         shape, equals, operand = text.partition("=")
@@ -144,7 +144,7 @@ def _fit_feature(shape: Shape, path: Path, rows: str) -> Feature:
 
 
 def _parse_numbers(path: Path, rows: str, n: int) -> list[int]:
-    """Indices from 0, each once, in the order given."""
+    """Return indices from 0, each once, in the order given."""
     if not rows:
         return list(range(n))
     row_indices: list[int] = []
@@ -158,7 +158,7 @@ def _parse_numbers(path: Path, rows: str, n: int) -> list[int]:
 
 
 def _stack_covariances(chosen: list[MeasurementLine]) -> F64 | None:
-    """(n, 3, 3) mm²; None unless every point has one."""
+    """Return covariances (n, 3, 3) mm²; None unless every point has one."""
     matrices = []
     for measurement in chosen:
         if measurement.covariance_mm2 is None:
@@ -220,7 +220,7 @@ def _relate_features(kind: str, first: Feature, second: Feature) -> tuple[str, d
 
 
 def _offset_surface(feature: Feature, tip_mm: float, inside: bool) -> tuple[str, dict[str, Any]]:
-    """The radius of the surface: the ball's centre ran beside it."""
+    """Compute the surface's radius from that of the ball's centre."""
     assert feature.radius_mm is not None  # circles, spheres and cylinders have one
     radius = feature.radius_mm + (tip_mm if inside else -tip_mm)
     if radius <= 0:

@@ -1,4 +1,4 @@
-"""`armd design` without sessions: the poses before the first measurement."""
+"""`armd design` without sessions: choose the poses of the first measurement."""
 
 from __future__ import annotations
 

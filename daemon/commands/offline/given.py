@@ -1,4 +1,4 @@
-"""What offline commands are given: arm, calibration, how a table of readings is meant."""
+"""Shared options of offline commands: arm, calibration, and settings of a table of readings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def add_model_under_test(parser: argparse.ArgumentParser) -> None:
 
 
 def load_given(args: argparse.Namespace) -> tuple[ArmModel, Calibration | None]:
-    """Of `--arm` and `--calibration`; raises `BadInput`."""
+    """Load the files of `--arm` and `--calibration`; raises `BadInput`."""
     arm = read_arm(args.arm)
     if not args.calibration:
         return arm, None
@@ -35,7 +35,7 @@ def load_given(args: argparse.Namespace) -> tuple[ArmModel, Calibration | None]:
 
 
 def add_session_settings(parser: argparse.ArgumentParser, of_angles: str) -> None:
-    """Options of a table that may stand beside a session.toml: see `find_session_settings`."""
+    """Add options that replace a session.toml's; see `find_session_settings`."""
     parser.add_argument(
         "--started", metavar="ISO", help="instant of time_s = 0, with its offset from UTC"
     )
@@ -49,7 +49,10 @@ def add_session_settings(parser: argparse.ArgumentParser, of_angles: str) -> Non
 def find_session_settings(
     readings: Path, unit: AngleUnit | None, started: str | None
 ) -> tuple[AngleUnit, float | None]:
-    """What was said on the command line, else what session.toml beside the readings says."""
+    """Return the angle unit and the start (Unix s) of the readings.
+
+    The command line's values come first, then those of session.toml beside the readings.
+    """
     session_file = readings.parent / "session.toml"
     session = load_toml(session_file, SessionFile) if session_file.exists() else None
     if started is not None:

@@ -1,4 +1,4 @@
-"""`armd interim`: short checks over time, and what they say: in control, or changed."""
+"""`armd interim`: judge short checks over time: the arm is in control, or has changed."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_changed, write_whole
 from armd.terminal.aside import make_aside, show_bar
 
-#: In a history's folder: the calibration with the growth of the links, where the one in
-#: use could not know it.
+#: A history folder's calibration with the expansion of the links, if the active calibration
+#: could not determine it.
 GROWTH = "calibration-growth.json"
 
 
@@ -104,7 +104,7 @@ def _add(args: argparse.Namespace) -> int:
     dated = [keeping.CheckDate.from_session(session) for session in sessions]
     if not args.future:
         keeping.check_past(dated, math.floor(time.time()))
-    # Twice: before the long part for a quick answer, and again when nobody else may write.
+    # Checked twice: here for a quick answer, and again later, when no other process may write.
     lines = chain.read_chain(folder).lines
     if not args.future:
         keeping.check_clock(folder, lines, math.floor(time.time()))
@@ -118,12 +118,12 @@ def _add(args: argparse.Namespace) -> int:
             report_progress("evaluating the checks", number / len(sessions))
     with keeping.lock_history(folder), console.status("judging the history …"):
         lines = chain.read_chain(folder).lines
-        before = history.load(folder) if lines else []  # a damaged history takes no more
+        before = history.load(folder) if lines else []  # raises for a damaged history
         keeping.check_new(folder, lines, dated)
         keeping.keep(folder, lines, new, Path(args.arm), calibration)
         try:
             judgement, result, _ = _judge_history(folder, before)
-        except BadInput as error:  # no room for the report, it may be
+        except BadInput as error:  # for example no room for the report
             advice = f"{error.expected} (the checks are kept: armd interim report judges them)"
             raise BadInput(error.file, error.where, error.found, advice) from error
     for remark in filter(None, [*remarks, keeping.report_early_dates(lines, dated)]):
@@ -159,7 +159,7 @@ def _report_history(args: argparse.Namespace) -> int:
 
 
 def _render_page(folder: Path, judgement: Judgement, result: dict[str, Any], about: About) -> str:
-    from armd.compensation.interim.report.page import render_interim_page  # draws: slow to load
+    from armd.compensation.interim.report.page import render_interim_page  # slow to load
 
     sessions = [history.load_measured(folder, check) for check in judgement.checks]
     return render_interim_page(judgement, result, sessions, about)
@@ -168,8 +168,10 @@ def _render_page(folder: Path, judgement: Judgement, result: dict[str, Any], abo
 def _judge_history(
     folder: Path, before: Sequence[history.Check] = ()
 ) -> tuple[Judgement, dict[str, Any], NextCheck]:
-    """Judge a history, some of which was loaded *before*; its changes' calibrations and the result
-    are written beside it."""
+    """Judge a history, and write its changes' calibrations and the result beside it.
+
+    *before* are checks that are already loaded.
+    """
     judgement = judge(history.load(folder, before), read_memory(folder))
     judgement = replace(judgement, far_off=tuple(list_single_readings(folder, judgement)))
     files: list[tuple[str, str] | None] = []
@@ -192,7 +194,7 @@ def _judge_history(
 
 
 def _write_poses(after: NextCheck) -> str:
-    """The next check's poses, as a table that `armd measure poses` takes."""
+    """Return the next check's poses as a table for `armd measure poses`."""
     if after.advised is None:
         raise BadInput("--poses", "the next check", "no poses of its own", "a cause in doubt")
     states, seats = after.advised.states, after.advised.seats_mm
@@ -221,7 +223,7 @@ def _print_result(
     for change in result["changes"]:
         if change["calibration_from"]:
             print(f"corrected calibration: {change['calibration_from']} (in the history's folder)")
-    # Changes of earlier epochs are in the calibration that the checks are now of.
+    # Changes of earlier epochs are part of the present calibration of the checks.
     open_ones = [c for c in result["changes"] if c["judged_under"] == result["calibration"]]
     mended = [c["calibration_from"] for c in open_ones if c["calibration_from"]]
     if mended:

@@ -1,4 +1,4 @@
-"""`armd interim` on tables of points: of an arm whose joints nobody reads."""
+"""`armd interim` on tables of points, for an arm whose joints cannot be read."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from armd.terminal.aside import make_aside
 
 
 def add_arguments(add: argparse.ArgumentParser) -> None:
-    """What tables of points want beside the history."""
+    """Add the options that tables of points need."""
     points = add.add_argument_group("tables of points")
     points.add_argument("--artefact", type=Path, metavar="A.toml", help="what was touched")
     points.add_argument(
@@ -38,7 +38,7 @@ def add_arguments(add: argparse.ArgumentParser) -> None:
 
 
 def are_tables(paths: Sequence[str]) -> bool:
-    """Whether checks are tables of points; raises `BadInput` for a mixture."""
+    """Return whether checks are tables of points; raises `BadInput` for a mixture."""
     kinds = [Path(p).suffix.lower() in TABLES and not Path(p).is_dir() for p in paths]
     if any(kinds) and not all(kinds):
         session = paths[kinds.index(False)]
@@ -48,7 +48,7 @@ def are_tables(paths: Sequence[str]) -> bool:
 
 
 def refuse_options(args: argparse.Namespace) -> None:
-    """Raise `BadInput` for options that are of tables."""
+    """Raise `BadInput` for options that only tables have."""
     for option in ("artefact", "tip_radius_mm", "started"):
         if getattr(args, option) is not None:
             name = f"--{option.replace('_', '-')}"
@@ -89,7 +89,7 @@ def add(args: argparse.Namespace) -> int:
                 error.file, error.where, error.found, f"{expected}, or --started"
             ) from error
         if lines:
-            load_checks(folder)  # a damaged history takes no more
+            load_checks(folder)  # raises for a damaged history
         keep_tables(folder, len(lines), new, args.artefact, radius_mm)
         epochs, result = _judge_history(folder)
     remarks = [] if args.quiet else [sentence for table in new for sentence in table.remarks]
@@ -103,7 +103,7 @@ def _started(text: str | None) -> float | None:
 
 
 def report(args: argparse.Namespace, to_file: str | None, about: About) -> int:
-    """What a history of tables says; `--json` also to a file."""
+    """Report on a history of tables; *to_file* also gets the JSON result."""
     if args.poses:
         raise BadInput("--poses", "the history", "one of points", "one of sessions, with joints")
     folder = Path(args.history)
@@ -118,7 +118,7 @@ def report(args: argparse.Namespace, to_file: str | None, about: About) -> int:
 def _render_page(
     folder: Path, epochs: Sequence[PointEpoch], result: dict[str, Any], about: About
 ) -> str:
-    from armd.compensation.interim.points.page import render_points_page  # draws: slow to load
+    from armd.compensation.interim.points.page import render_points_page  # slow to load
 
     return render_points_page(folder, epochs, result, about)
 

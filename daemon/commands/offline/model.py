@@ -1,4 +1,4 @@
-"""`armd model`: the calibrated arm's geometry for other software, in a file of its kind."""
+"""`armd model`: write the calibrated arm's geometry as a file for other software."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from armd.terminal.counted import format_count
 from armd.terminal.suggest import format_names
 
 COLUMNS = list(Correction.__dataclass_fields__)
-#: A URDF is somebody's work: it is never written over unasked.
+#: A URDF may be a person's work: it is never overwritten without --force.
 URDF = OutputKind("a URDF", ARM.told_by)
 KINEMATICS = OutputKind("a kinematics file of armd", lambda head: head[:23] == FIRST_LINE.encode())
 CORRECTIONS = OutputKind("a table of corrections", has_columns("convention", "joint", "parameter"))
 KINDS = {".urdf": URDF, ".yaml": KINEMATICS, ".json": RESULT, ".csv": CORRECTIONS}
-#: No sensor of an arm reads more or less.
+#: Range of all temperatures that a sensor of an arm can have.
 LEAST_C, MOST_C = -273.15, 1000.0
-#: The original's tip is said to differ from arm.toml's from here on.
+#: From this difference on, a message says that the original's tip differs from arm.toml's.
 REMARKABLE_MM = 0.01
 
 
@@ -188,7 +188,10 @@ def _print(
     geometry: Geometry,
     remarks: list[str],
 ) -> None:
-    """What the file holds; what it leaves out is a part of the result, so that -q keeps it."""
+    """Print the content of the file, and what it lacks.
+
+    The latter is a part of the result, so it is printed with -q, too.
+    """
     geometry_name = "the calibrated geometry" if loaded else "arm.toml's geometry"
     if not args.quiet:
         print(f"armd: {args.output}: {geometry_name} at {geometry.celsius:g} °C")

@@ -1,4 +1,4 @@
-"""`armd recorrect`: measurements computed anew from their stored angles and temperatures."""
+"""`armd recorrect`: recompute measurements from their stored angles and temperatures."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ COLUMNS = (
     "u_x_old_mm", "u_y_old_mm", "u_z_old_mm", "u_x_new_mm", "u_y_new_mm", "u_z_new_mm",
     "flags_old", "flags_new", "calibration_old", "calibration_new", "tip", "matters",
 )  # fmt: skip
-#: Flags that another calibration decides again.
+#: Flags that depend on the calibration, and are computed again.
 OF_CALIBRATION = sum(flag for flag in Flag if flag.origin == "calibration")
 RECORRECTED = OutputKind(
     "measurements recorrected", lambda head: head.startswith(b"seq,stamp_ns,x_old")
@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _count_nameless(path: Path, collection: Measurements, arm: Arm, arm_file: str) -> int:
-    """How many measurements say nothing of whose they are; raises `BadInput` for another arm's."""
+    """Count measurements without an arm's serial number; raises `BadInput` for another arm's."""
     expected = f"{arm.serial_number}, as {arm_file} has"
     if collection.serial not in ("", arm.serial_number):
         raise BadInput(path, "the arm", collection.serial, expected)
@@ -148,7 +148,7 @@ def _count_nameless(path: Path, collection: Measurements, arm: Arm, arm_file: st
 
 
 def _hash_inputs(args: argparse.Namespace) -> dict[str, str]:
-    """Every file read, and its SHA-256."""
+    """Return the SHA-256 of every file read."""
     paths = [
         *args.measurements,
         *map(Path, filter(None, (args.arm, args.calibration, args.config))),
@@ -164,7 +164,7 @@ def _hash_inputs(args: argparse.Namespace) -> dict[str, str]:
 def _choose_measurements(
     collections: Sequence[Measurements], since_ns: int | None
 ) -> list[MeasurementLine]:
-    """Of all sources, by time, each once."""
+    """Return the measurements of all sources from *since_ns* on, by time, each once."""
     by_time = {
         (m.stamp_ns, m.seq): m for collection in collections for m in collection.measurements
     }
@@ -182,7 +182,10 @@ def _recorrect_measurements(
     tips: dict[str, Any],
     location: str,
 ) -> Recorrected:
-    """Each with the tip it was measured with: as *tips* have it, else as it was known then."""
+    """Recompute each measurement with the tip that it was measured with.
+
+    The tip's offset is that of *tips*, else the one stored with the measurement.
+    """
     states = _make_states(chosen, arm, location)
     position, uncertainty = np.full((2, len(chosen), 3), np.nan)
     flags = np.zeros(len(chosen), np.uint32)
@@ -194,7 +197,7 @@ def _recorrect_measurements(
         its_arm, its_calibration = with_tip
         assert its_calibration is not None
         rows = np.array([row_offset == offset for row_offset in offsets])
-        # All rows, for lags; then those of this tip.
+        # Correct all rows, because lags need the earlier ones; then keep those of this tip.
         recorrected = correct_again(its_arm, its_calibration, states)
         position[rows], uncertainty[rows] = (
             recorrected.position_mm[rows],
@@ -205,7 +208,10 @@ def _recorrect_measurements(
 
 
 def _find_offset_mm(m: MeasurementLine, tips: dict[str, Any], location: str) -> Vector3 | None:
-    """Of its tip; None: the calibration's own."""
+    """Return the offset of a measurement's tip; None means the calibration's own.
+
+    Raises `BadInput` for an unknown tip.
+    """
     if m.tip is None:
         return None
     if m.tip in tips:
@@ -269,7 +275,7 @@ def _write_table(
                 m.seq,
                 m.stamp_ns,
                 *("" if np.isnan(value) else f"{value:.6f}" for value in numbers),
-                # What the measuring itself said of its points holds for the new position, too.
+                # Flags that do not depend on the calibration hold for the new position, too.
                 m.flags,
                 int(new.flags[i]) | m.flags & ~OF_CALIBRATION,
                 m.calibration or "",

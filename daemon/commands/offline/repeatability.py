@@ -1,4 +1,7 @@
-"""`armd feature repeatability`: of one seat visited many times, a session or a table of points."""
+"""`armd feature repeatability`: evaluate one seat visited many times.
+
+The visits are a session or a table of points.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ from armd.terminal.suggest import format_names
 
 
 class Visits(NamedTuple):
-    """What was measured, and how it was read."""
+    """The measured visits, and remarks from reading them."""
 
     position_mm: F64  # (n, 3)
     time_h: F64  # (n,) NaN unknown
@@ -41,7 +44,10 @@ class Visits(NamedTuple):
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises `BadInput`, also for what is not one place in one placement."""
+    """Evaluate the visits of one seat; always returns 0.
+
+    Raises `BadInput`, also for more than one target or placement.
+    """
     if len(args.operand) != 1:
         count = f"{len(args.operand)} operands"
         raise BadInput("the command line", "armd feature repeatability", count, "1")
@@ -92,7 +98,7 @@ def _load_session(args: argparse.Namespace, path: Path) -> Visits:
     )
     loaded = None if calibration is None else calibration.for_arm(arm.content)
     position = correct_positions(session, arm.content, loaded)
-    usable = np.isfinite(position[:, 0])  # a position is known as a whole
+    usable = np.isfinite(position[:, 0])  # all three coordinates are known, or none
     remarks = [
         f"remark: {line}" for line in single.check_repeats(session, position).in_words(session)
     ]
@@ -106,7 +112,10 @@ def _load_session(args: argparse.Namespace, path: Path) -> Visits:
 def _average_temperature(
     session: Session, names: Sequence[str], usable: Mask
 ) -> tuple[F64, list[str]]:
-    """Mean of the sensors that every visit has; else the artefact's temperature."""
+    """Return the mean of the sensors that every visit has, and their names.
+
+    Without such a sensor it is the artefact's temperature.
+    """
     every = session.states.temperature_c
     complete = [i for i in range(every.shape[1]) if np.isfinite(every[usable, i]).all()]
     if complete:
@@ -130,7 +139,7 @@ def _render_page(
     path: Path,
 ) -> str:
     from armd.compensation.report.repeatability import (
-        make_repeatability_page,  # draws: slow to load
+        make_repeatability_page,  # slow to load
     )
     from armd.compensation.report.sessions import InputFile
 

@@ -1,4 +1,4 @@
-"""`armd verify`: ISO 10360-12 and ASME B89.4.22 results with a verdict."""
+"""`armd verify`: compute results by ISO 10360-12 and ASME B89.4.22, with a verdict."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _verify_points(args: argparse.Namespace, limits: PermissibleErrors | None, about: About) -> int:
-    """Of a table of points, to which an arm.toml adds the radius of its tip."""
+    """Verify a table of points; an arm.toml only adds the radius of its tip."""
     if args.calibration is not None:
         expected = "it with a session: a table has points, and no joint angles"
         raise BadInput("the command line", "--calibration", "it with a table", expected)
@@ -110,7 +110,7 @@ def _render_page(
 ) -> str:
     from armd.compensation.report.sessions import InputFile
     from armd.compensation.report.verification.page import (
-        make_verification_report,  # drawings load slowly
+        make_verification_report,  # slow to load
     )
 
     files = {"arm": InputFile.read(args.arm), "limits": InputFile.read(args.mpe)}

@@ -1,1 +1,1 @@
-"""The daemon itself: in the foreground, on a simulated arm, from a recording."""
+"""Commands that run the daemon: in the foreground, on a simulated arm, from a recording."""

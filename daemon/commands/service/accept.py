@@ -1,6 +1,6 @@
-"""`armd accept CONFIG`: the servos are as they should be; what was found last holds from now on.
+"""`armd accept CONFIG`: accept the servos' settings that were read last as correct.
 
-A daemon that runs learns of it by itself.
+A running daemon notices it by itself.
 """
 
 from __future__ import annotations

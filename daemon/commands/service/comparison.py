@@ -1,4 +1,4 @@
-"""Published points against the simulator's truth: what is wrong before and after correction."""
+"""Compare published points with the simulator's truth, before and after correction."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 from armd import Flag
 from armd.arrays import F64
 
-AROUND = 51  # points, over which the distance of two counts is taken
+AROUND = 51  # points in the median of the difference of two counts
 
 #: A record of the simulator's truth file: seq as published, true tip in the base frame.
 TRUTH = np.dtype([("seq", "<u8"), ("position_mm", "<f8", (3,))])
@@ -20,7 +20,7 @@ TRUTH = np.dtype([("seq", "<u8"), ("position_mm", "<f8", (3,))])
 
 @dataclass(frozen=True)
 class PointErrors:
-    """RMS distances in µm between points and truth."""
+    """The RMS distances in µm between points and truth."""
 
     n: int
     before_um: float
@@ -33,10 +33,10 @@ class PointErrors:
 
 
 def compare(points: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> PointErrors:
-    """Errors of *points* (dtype `POINT`) against *truth* (dtype `TRUTH`), joined by seq.
+    """Return the errors of *points* (dtype `POINT`) against *truth* (dtype `TRUTH`), joined by seq.
 
-    No measurement can tell how the arm's own base frame lies in the arm, so one rigid placement,
-    the one that suits the corrected points best, is taken out of both figures.
+    No measurement can determine how the arm's own base frame lies in the arm. So one rigid
+    placement, the best fit for the corrected points, is removed from both figures.
     """
     points = points[(points["flags"] & Flag.INVALID) == 0]
     _, ours, theirs = np.intersect1d(points["seq"], truth["seq"], return_indices=True)
@@ -52,7 +52,7 @@ def compare(points: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> PointE
 
 
 def load_truth(path: Path) -> npt.NDArray[np.void]:
-    """The records written so far; a last one that is not whole yet is left out."""
+    """Return the records written so far, without an incomplete last one."""
     data = path.read_bytes()
     return np.frombuffer(data, TRUTH, len(data) // TRUTH.itemsize)
 
@@ -60,11 +60,11 @@ def load_truth(path: Path) -> npt.NDArray[np.void]:
 def match_numbers(
     points: npt.NDArray[np.void], truth: npt.NDArray[np.void]
 ) -> npt.NDArray[np.void]:
-    """The truth (n,) at each of *points* (n,), numbered as they are.
+    """Return the truth (n,) at each of *points* (n,), with their numbers.
 
     On CAN a latch has no number: `seq` of *truth* is its instant (CLOCK_MONOTONIC, ns). Both sides
-    count SYNCs, so what remains to be found is how far the two counts are apart; that changes only
-    when the bus is lost, however late this machine sometimes is.
+    count SYNCs, so only the difference of the two counts is unknown. It changes only when the bus
+    is lost, even if this machine is sometimes late.
     """
     instants = truth["seq"].astype(np.int64)
     seq = points["seq"].astype(np.int64)
@@ -78,9 +78,9 @@ def match_numbers(
 def match_instants(
     points: npt.NDArray[np.void], truth: npt.NDArray[np.void]
 ) -> npt.NDArray[np.void]:
-    """The truth at each of *points* that lies within it, numbered as they are.
+    """Return the truth at each of *points* that lies within it, with their numbers.
 
-    A servo has no number of a latch and samples when it is asked: `seq` of *truth* is an instant
+    A servo has no number of a latch and samples on request: `seq` of *truth* is an instant
     (CLOCK_MONOTONIC, ns), and the tip is on the straight line between two of them.
     """
     instants, times_ns = truth["seq"].astype(np.int64), points["monotonic_ns"]
@@ -98,7 +98,7 @@ def match_instants(
 
 
 def _fit_placement(points: F64, true: F64) -> tuple[F64, F64]:
-    """Rotation (3, 3) and translation (3,) that bring points (n, 3) nearest to true (n, 3)."""
+    """Fit rotation (3, 3) and translation (3,) that move points (n, 3) onto true (n, 3)."""
     middle, true_middle = points.mean(axis=0), true.mean(axis=0)
     u, _, vt = np.linalg.svd((points - middle).T @ (true - true_middle))
     sign = np.sign(np.linalg.det(u @ vt))

@@ -1,5 +1,7 @@
-"""`armd demo`: a simulated arm warms up on a real pty, on CAN or on a servo bus; its points arrive
-over Zenoh."""
+"""`armd demo`: run a simulated arm that warms up, and show its points from Zenoh.
+
+The arm is on a real pty, on CAN or on a servo bus.
+"""
 
 from __future__ import annotations
 
@@ -31,9 +33,9 @@ from armd.terminal.plain import make_moving_console
 WARM_UP_K = 10.0
 WARM_UP_S = 20.0
 REFRESH_S = 0.25
-#: Every so many-th point is kept for the comparison with the truth, so that a demo may run on.
+#: One point of so many is kept for the comparison with the truth, so that a long demo fits memory.
 KEPT = 10
-#: The arm that is calibrated first; a servo arm's own number, its gripper not counted.
+#: Joints of the arm that is calibrated first; joints of a servo arm, without its gripper.
 JOINTS, SERVO_JOINTS = 6, 5
 
 
@@ -58,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """1 if samples were lost."""
+    """Run the demo; the exit code is 1 if samples were lost."""
     console = make_moving_console()
     meter = Meter()
     if args.servo:
@@ -88,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         )
         with armd.connect(endpoint=stage.endpoint) as arm:
             _watch(arm, meter, console, args.seconds)
-        stage.stop()  # servos write down the truth at their end
+        stage.stop()  # simulated servos write the truth when they stop
         truth = load_truth(stage.truth)
         if wire is CAN:
             truth = match_numbers(meter.sampled_points, truth)
@@ -112,7 +114,7 @@ class Steps:
 
 
 class Meter:
-    """Takes every point as it arrives, with the instant of its arrival."""
+    """Collects every point, with the instant of its arrival."""
 
     def __init__(self) -> None:
         self._arrived: deque[tuple[int, bytes]] = deque()
@@ -124,7 +126,7 @@ class Meter:
         self._arrived.append((time.monotonic_ns(), payload))
 
     def collect(self, arm: Arm) -> npt.NDArray[np.void]:
-        """The points (n,) that arrived since the last call."""
+        """Return the points (n,) that arrived since the last call."""
         arrived = [self._arrived.popleft() for _ in range(len(self._arrived))]
         if not arrived:
             return np.empty(0, POINT)
@@ -146,7 +148,7 @@ class Meter:
 
 
 def _watch(arm: Arm, meter: Meter, console: Console, seconds: float | None) -> None:
-    """Until Ctrl-C or SIGTERM, or for *seconds*; collects what arrived till then."""
+    """Show the arm until Ctrl-C or SIGTERM, or for *seconds*, and collect its points."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with (
         Screen(arm, console) as screen,
@@ -159,7 +161,7 @@ def _watch(arm: Arm, meter: Meter, console: Console, seconds: float | None) -> N
 
 
 def format_summary(meter: Meter, lost: Lost, errors: PointErrors, calibrated: bool) -> str:
-    """What `armd demo` prints at its end."""
+    """Return the text that `armd demo` prints at its end."""
     p50, p99 = np.percentile(meter.latency_ms, [50, 99])
     stream = (
         f"\nsamples               {meter.samples}\n"

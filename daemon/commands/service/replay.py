@@ -1,7 +1,7 @@
-"""`armd replay FILE`: a recording back through the same decoder and kernel.
+"""`armd replay FILE`: play a recording through the same decoder and kernel.
 
-Published like a live arm's points, or compared with the recorded ones, or written to a table;
-with the calibration it was made with, or with another one.
+Its points are published like a live arm's, or compared with the recorded ones, or written to a
+table. They use the recorded calibration, or another one.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0; 1 if with --check a point differs."""
+    """Replay; the exit code is 1 if a point differs with --check."""
     check_outputs({"-o": (args.output, POINTS)}, [args.file, args.calibration], args.force)
     recording = Recording(args.file)
     with tempfile.TemporaryDirectory() as folder:
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _make_config(recording: Recording, args: argparse.Namespace, folder: Path) -> Config:
-    """The recorded daemon's configuration, with the recording in the arm's place."""
+    """Return the recorded daemon's configuration, with the recording instead of the arm."""
     calibration = args.calibration and args.calibration.absolute()
     recorded = recording.attachments.get(CALIBRATION_ATTACHMENT)
     if calibration is None and recorded is not None and not args.nominal:
@@ -95,7 +95,7 @@ def _make_config(recording: Recording, args: argparse.Namespace, folder: Path) -
         },
         "zenoh": {"listen": [args.listen]},
         "metrics": None,
-        "commands": {"enabled": False},  # what is played has been measured, whatever was allowed
+        "commands": {"enabled": False},  # a recording cannot be changed
     }
     file = validate(recording.path, content, DaemonFile)
     arm = validate(recording.path, recording.info["arm"], Arm)
@@ -103,7 +103,7 @@ def _make_config(recording: Recording, args: argparse.Namespace, folder: Path) -
 
 
 def _iterate_points(config: Config) -> Iterator[Points]:
-    """What the daemon would publish."""
+    """Yield the points that the daemon would publish."""
     pipeline = ArmInUse(config).pipeline
     with closing(open_driver(config.driver, config.expectation)) as driver:
         while True:
@@ -122,8 +122,11 @@ def _iterate_points(config: Config) -> Iterator[Points]:
 
 
 def _compare(recording: Recording, points: Points) -> int:
-    """Of a recording that began in mid-stream its beginning does not count: for how long the
-    tip had been at rest by then, nobody has told it."""
+    """Compare with the recorded points; return the exit code.
+
+    The beginning of a recording that began in mid-stream does not count: nobody knows for how long
+    the tip had been at rest by then.
+    """
     replayed = dict(zip(points["seq"].tolist(), as_json(points), strict=True))
     from_ns = int(points["monotonic_ns"][0]) if len(points) else 0
     from_ns += SETTLING_NS if recording.preamble() else 0

@@ -1,4 +1,4 @@
-"""`armd run CONFIG`: the daemon in the foreground, for systemd or a terminal."""
+"""`armd run CONFIG`: run the daemon in the foreground, for systemd or a terminal."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def serve(config: Config) -> int:
-    """Publish until a signal says stop, or until a replay has ended."""
-    # From here on a signal is heard, and done when there is something to do it.
+    """Publish until a signal ends it, or until a replay has ended."""
+    # From here on signals are noted, and carried out as soon as there is a service.
     signals = SignalRequests()
     arm = ArmInUse(config)
-    run_rehearsal(config, arm)  # compiles everything the stream needs, before ready is said
+    run_rehearsal(config, arm)  # compiles all functions of the stream before it is ready
     driver = open_driver(config.driver, config.expectation)
     with ExitStack() as stack:
         session = stack.enter_context(open_zenoh_session(config))
@@ -51,18 +51,21 @@ def serve(config: Config) -> int:
         if config.file.metrics is not None:
             stack.enter_context(closing(_serve_metrics(config, service)))
         signals.start_serving(service)
-        gc.freeze()  # what start-up made stays; the collector need not look at it again
+        gc.freeze()  # objects of the start-up stay: skip them in later collections
         print_line(_ready(config, arm))
-        if config.driver.kind != "replay":  # which may run as fast as it can
+        if config.driver.kind != "replay":  # a replay may run as fast as it can
             raise_priority()
-        # From here on the journal speaks, which waits for nobody who reads it.
+        # From here on the journal reports, which never blocks on its reader.
         logging.getLogger("armd").setLevel(logging.WARNING)
         service.run()
     return 0
 
 
 class SignalRequests:
-    """What signals ask for: at once to end, or to reload, before there is a service too."""
+    """Requests by signals to end or to reload; they also work before there is a service.
+
+    SIGTERM and SIGINT end the process at once then; a reload is kept for the service.
+    """
 
     def __init__(self) -> None:
         self._service: Service | None = None
@@ -70,7 +73,7 @@ class SignalRequests:
         signal.signal(signal.SIGHUP, self._hang_up)
 
     def start_serving(self, service: Service) -> None:
-        """From now on the service does it."""
+        """Pass signals to the service from now on."""
         self._service = service
         signal.signal(signal.SIGTERM, lambda *_: service.stop())
         signal.signal(signal.SIGINT, lambda *_: service.stop())
@@ -104,6 +107,6 @@ def _ready(config: Config, arm: ArmInUse) -> str:
     line = f"armd: ready {config.arm.serial_number} on {endpoints}, {made_with}"
     if config.driver.kind == "replay":
         return line
-    # Subscribers may connect; when the arm itself is there, the state tells.
+    # Subscribers may connect now; the state shows when the arm itself is there.
     source = getattr(config.driver, "port", None) or getattr(config.driver, "interface", "")
     return f"{line}; waiting for the arm on {source}"

@@ -1,4 +1,4 @@
-"""`armd simulate`: hands over to the simulator, a program of its own with its own options."""
+"""`armd simulate`: start the simulator, a separate program with its own options."""
 
 from __future__ import annotations
 
@@ -17,8 +17,11 @@ def replace_process(arguments: Sequence[str]) -> NoReturn:
 
 
 def _hand_over_interrupts() -> None:
-    """From here on Ctrl-C ends the process, unless it is ignored. One that Python has taken note of
-    and not raised yet would be lost with this program, and the next one run on."""
+    """Let Ctrl-C end the process from here on, unless it is ignored.
+
+    An interrupt that Python has noted but not raised yet would be lost with this program, and the
+    next program would continue.
+    """
     signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -1,4 +1,4 @@
-"""Sets up the demo in a folder of its own: a simulated arm, its calibration, a daemon."""
+"""Sets up the demo in its own folder: a simulated arm, its calibration, a daemon."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from armd.closing import Closing
 from armd.errors import ArmdError
 
 SIMULATOR = [sys.executable, "-P", "-m", "armd.simulator"]
-#: -P: nothing that lies in the present folder is imported.
+#: -P: nothing is imported from the current folder.
 ARMD = [sys.executable, "-P", "-m", "armd.daemon.cli"]
 STOP_S = 5.0
 
@@ -44,7 +44,7 @@ log = false  # a demonstration leaves nothing behind
 
 @dataclass(frozen=True)
 class DemoWire:
-    """How the simulated arm is connected."""
+    """The connection of the simulated arm."""
 
     name: str  # for a person
     simulator: tuple[str, ...]  # its options
@@ -55,7 +55,7 @@ class DemoWire:
 
 
 def make_servo_wire(family: str, joints: int) -> DemoWire:
-    """A printed arm on a servo bus, with its gripper's servo for a button."""
+    """Return the wire of a printed arm on a servo bus, with its gripper's servo as button."""
     driver = (
         f'kind = "{family}"\nport = "{{place}}"\nids = {list(range(1, joints + 1))}\n'
         f"temperature_ids = {list(range(2, joints + 2))}\n"
@@ -75,7 +75,10 @@ CAN = DemoWire(
 
 
 class Stage(Closing):
-    """Enter it to start everything; leaving it stops the processes and removes the folder."""
+    """A context that provides the demo's folder; `start` starts its processes.
+
+    Leaving it stops the processes and removes the folder.
+    """
 
     def __init__(
         self,
@@ -85,7 +88,7 @@ class Stage(Closing):
         warm_up_s: float,
         joints: int | None = None,
     ) -> None:
-        """*joints*: of the arm, if other than its wire's usual one has."""
+        """Prepare a stage; *joints* is their number if it is not the wire's usual one."""
         self._wire = wire
         self._seed = str(seed)
         self._simulation = [
@@ -108,7 +111,7 @@ class Stage(Closing):
         self._stack.close()
 
     def calibrate(self) -> None:
-        """Measure the simulated arm at five temperatures, and identify it from that."""
+        """Measure the simulated arm at five temperatures, and identify it from the sessions."""
         sessions = self.folder / "sessions"
         _run_command([*SIMULATOR, "--session", "demo", "--seed", self._seed, "-o", str(sessions)])
         measured = sorted(str(path.parent) for path in sessions.glob("*/session.toml"))
@@ -118,7 +121,7 @@ class Stage(Closing):
         )
 
     def start(self) -> None:
-        """The arm on its wire, then the daemon, until it is ready."""
+        """Start the arm on its wire, then the daemon, and wait until it is ready."""
         output_options = ["--arm-out", str(self.folder / "arm.toml"), "--truth", str(self.truth)]
         log = ["--fault-log", str(self.folder / "simulator.jsonl")]
         place = self._start([*SIMULATOR, *self._simulation, *output_options, *log], "simulator.log")
@@ -132,13 +135,13 @@ class Stage(Closing):
         self._start([*ARMD, "run", str(config)], "daemon.log")
 
     def stop(self) -> None:
-        """Arm and daemon; what they wrote stays until the stage is left."""
+        """Stop arm and daemon; their files stay until the stage is left."""
         self._processes.close()
 
     def _start(self, command: list[str], log_name: str) -> str:
-        """Start a process that lives as long as the stage; its first line on standard output."""
+        """Start a process that lives as long as the stage; return its first line of output."""
         log = self._processes.enter_context((self.folder / log_name).open("w+", encoding="utf-8"))
-        # Ctrl-C is for the demo alone: it stops the others in order.
+        # Ctrl-C reaches only the demo, which then stops the others in order.
         process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=log, text=True, start_new_session=True,
             env=os.environ | {"STATE_DIRECTORY": str(self.folder / "state")},

@@ -1,1 +1,1 @@
-"""What comes before measuring: files to start from and what is wrong in them, ports, help."""
+"""Commands used before measuring: write and check files, find ports, help."""

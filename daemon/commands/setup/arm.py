@@ -1,4 +1,4 @@
-"""`armd arm`: nominal geometry of arms that people own, as an arm.toml to start from."""
+"""`armd arm`: write the nominal geometry of a known arm as an arm.toml to start from."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def _set_up_microscribe(args: argparse.Namespace) -> int:
     if len(ports) != 1:
         raise BadInput("armd arm", "--port", f"{len(ports)} serial ports", "the MicroScribe's")
     if args.output is not None:
-        check_place(args.output)  # before the arm is asked, which takes seconds
+        check_place(args.output)  # before asking the arm, which takes seconds
     factory = read_factory(ports[0], args.baud)
     text = microscribe.write_arm_text(factory, ports[0], args.ball)
     validate(f"{ports[0]}: the arm's memory", tomllib.loads(text), Arm)
@@ -136,7 +136,7 @@ def _set_up_microscribe(args: argparse.Namespace) -> int:
 
 
 def _write_daemon_file(output: Path, bus: Bus, port: str | None) -> None:
-    """armd.toml beside arm.toml: never over one that is there, never with a guessed port."""
+    """Write armd.toml beside arm.toml, unless it exists or the port is not certain."""
     path = output.parent / "armd.toml"
     if path.exists():
         print(
@@ -160,7 +160,7 @@ def _write_driver(bus: Bus, port: str | None) -> list[str]:
 
 
 def _read_driver(text: str) -> list[str]:
-    """The lines of `[driver]` in an armd.toml that is made here."""
+    """Return the lines of `[driver]` in an armd.toml that was made here."""
     lines = text.splitlines()
     return lines[lines.index("[driver]") + 1 :]
 

@@ -1,4 +1,4 @@
-"""`armd check`: says of each file whether it is right, and if not, everything that is wrong."""
+"""`armd check`: check files, and list everything that is wrong in each."""
 
 from __future__ import annotations
 
@@ -55,7 +55,11 @@ def run(args: argparse.Namespace) -> int:
 def _compare_sessions(
     paths: Sequence[Path], arms: Arms, console: Console
 ) -> tuple[dict[Path, list[BadInput]], list[str]]:
-    """Faults of sessions that only others of the same arm, or its drawing, show; and doubts."""
+    """Compare sessions of the same arm; return faults by folder, and doubts.
+
+    These faults show only in comparison with other sessions of the arm or with its nominal
+    geometry.
+    """
     folders = [
         _get_folder(path)
         for path in paths
@@ -74,7 +78,7 @@ def _compare_sessions(
             serial = load_toml(path / "session.toml", SessionFile).arm
             session = load_session(path, arms[serial])
         except (BadInput, KeyError):
-            continue  # no session, or one whose own check tells what is wrong
+            continue  # not a session, or its own check reports the fault
         of_arm.setdefault(serial, []).append(session)
     faults: dict[Path, list[BadInput]] = {}
     doubts = []
@@ -93,7 +97,7 @@ def _compare_sessions(
 
 
 def _get_folder(path: Path) -> Path:
-    """A session's folder, of itself or of a file in it."""
+    """Return a session's folder, from itself or from a file in it."""
     return path if path.is_dir() else path.parent
 
 
@@ -102,7 +106,7 @@ Arms = dict[str, Arm]
 
 
 def _check_file(path: Path, arms: Arms) -> tuple[Sequence[BadInput | str], str]:
-    """The faults of one file, and a remark if there are none."""
+    """Return the faults of one file, and a remark if there are none."""
     try:
         return [], _choose_checker(path)(path, arms)
     except BadInput as fault:
@@ -125,18 +129,18 @@ def _choose_checker(path: Path) -> Checker:
 
 
 def _read_schema(path: Path) -> str:
-    """What a TOML or JSON file says it is; empty if it does not say."""
+    """Return the schema that a TOML or JSON file states; empty if it states none."""
     content = read_input(path)
     data = load_json_data(path, content) if path.suffix == ".json" else decode_toml(path, content)
     if not isinstance(data, dict):
         return ""
-    if "schema" not in data and "arm" not in data:  # two kinds of file need not say it
+    if "schema" not in data and "arm" not in data:  # two kinds of file may omit it
         return next((f"armd.{kind}/1" for kind in ("artefact", "mpe") if kind in data), "")
     return str(data.get("schema", ""))
 
 
 def _find_arms(paths: Sequence[Path]) -> Arms:
-    """Arms among the files, and those in or above their folders."""
+    """Return the arms among the files, and those in or above their folders."""
     arms: Arms = {}
     arm_files = [
         folder / "arm.toml" for path in paths for folder in (path, *path.absolute().parents[:2])
@@ -146,7 +150,7 @@ def _find_arms(paths: Sequence[Path]) -> Arms:
             try:
                 arm = load_arm(path)
             except BadInput:
-                continue  # no arm.toml, or one whose own check tells what is wrong
+                continue  # not an arm.toml, or its own check reports the fault
             arms[arm.serial_number] = arm
     return arms
 
@@ -179,7 +183,7 @@ def _check_daemon(path: Path, _: Arms) -> str:
 
 
 def _check_session(path: Path, arms: Arms) -> str:
-    """*path*: the folder or a file in it."""
+    """Check a session; *path* is the folder or a file in it."""
     from armd.compensation.data.sessions.files import check_is_session
     from armd.compensation.data.sessions.format import SessionFile
     from armd.compensation.data.sessions.session import load_session
@@ -223,7 +227,7 @@ def _check_about(path: Path, _: Arms) -> str:
 
 
 def _check_scenario(path: Path, _: Arms) -> str:
-    """The simulator knows its own files, and is a program of its own."""
+    """Check a scenario with the simulator, a separate program that reads its own files."""
     command = [sys.executable, "-P", "-m", "armd.simulator", "--check", str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -238,7 +242,7 @@ class _ScenarioFaults(Exception):
 
 Checker = Callable[[Path, Arms], str]
 
-#: schema → what loads such a file, raises `BadInput`, and otherwise may return a remark
+#: schema → function that loads such a file; it raises `BadInput`, or returns a remark
 CHECKERS: dict[str, Checker] = {
     "armd.arm/1": _check_arm,
     "armd.calibration/1": _check_calibration,

@@ -1,4 +1,4 @@
-"""`armd completion SHELL`: what a shell needs to complete commands and options, as a script."""
+"""`armd completion SHELL`: print a script that completes commands and options in a shell."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def make_script(shell: str) -> str:
-    """Made of the commands' own parsers; every value without a list of its own is a file."""
+    """Return the script, made from the commands' parsers.
+
+    Every value without a list of choices is completed as a file.
+    """
     import shtab  # only here
 
     from armd.daemon.cli import find_installed, make_parsers
@@ -37,8 +40,8 @@ def _complete_files(parser: Parser, files: object) -> None:
         if action.choices is parser.subcommands:
             continue
         if action.choices:
-            # A list, as shtab takes a dictionary for subcommands; without `"`, which is an inch and
-            # which it does not quote.
+            # A list, because shtab takes a dictionary for subcommands. Without `"` (inch), because
+            # shtab does not quote it.
             action.choices = [choice for choice in action.choices if choice != '"']
         elif action.nargs != 0:
             action.complete = files  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""`armd doctor`: what is on this machine's ports and buses, and what stands in the way."""
+"""`armd doctor`: find the devices on this machine's ports and buses, and their problems."""
 
 from __future__ import annotations
 

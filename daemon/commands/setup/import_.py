@@ -1,4 +1,4 @@
-"""`armd import TABLE`: a table of readings, CSV or Excel, as a session; a URDF as an arm.toml."""
+"""`armd import TABLE`: convert a table of readings to a session, or a URDF to an arm.toml."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from armd.terminal.arguments import parse_positive
 from armd.terminal.aside import make_aside
 from armd.terminal.counted import format_count
 
-#: What robots' own programs record: how it is known, and what reads it.
+#: Recordings of robots' own programs: the test that recognises one, and its reader.
 RECORDED = ((is_dataset, read_dataset), (is_bag, read_bag), (is_episode, read_episode))
 
 
@@ -105,7 +105,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _read(args: argparse.Namespace) -> ForeignTable:
-    """The table, of one arm; raises `BadInput`."""
+    """Return the table, of one arm; raises `BadInput`."""
     for is_one, read in RECORDED:
         if is_one(args.table):
             if args.sheet is not None:
@@ -177,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def list_arm_columns(numbers: dict[str, list[float]]) -> list[str]:
-    """What is not the time, the angles first."""
+    """Return all column names but the time, the angles first."""
     return [name for name in numbers if name != "time_s"]
 
 
@@ -211,7 +211,7 @@ def _make_content(
 
 
 def _load_artefact(args: argparse.Namespace) -> dict[str, Any]:
-    """The `[artefact]` of a TOML file, or of a certificate's table."""
+    """Return the `[artefact]` of a TOML file, or of a certificate's table."""
     from armd.daemon.files.artefact_table import read_artefact_table
     from armd.daemon.files.session_folder import load_artefact
 
@@ -226,7 +226,7 @@ def _load_artefact(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _from_lerobot(path: Path, arm: Arm, columns: FoundColumns, prefix: str | None) -> str:
-    """Angles of LeRobot's normalised positions, in place; what was done, in a sentence."""
+    """Replace LeRobot's normalised positions by angles; return a sentence about it."""
     from armd.daemon.catalogue.servos.lerobot_file import Normalised
 
     sweeps = Normalised(path, columns.joints, prefix)
@@ -242,7 +242,10 @@ def _from_lerobot(path: Path, arm: Arm, columns: FoundColumns, prefix: str | Non
 
 
 def _from_servo_zeros(path: Path, arm: Arm, arm_path: Path, columns: FoundColumns) -> str:
-    """Counts of the servos in place of another program's angles; what was done, in a sentence."""
+    """Replace another program's angles by servo counts; return a sentence about it.
+
+    Raises `BadInput` for joints with another number of counts per turn.
+    """
     from armd.daemon.catalogue.servos.zeros import COUNTS, read_servo_zeros
 
     for k, joint in enumerate(arm.joint, 1):
@@ -258,7 +261,7 @@ def _from_servo_zeros(path: Path, arm: Arm, arm_path: Path, columns: FoundColumn
 
 
 def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns: Any) -> None:
-    """Whole or not at all: read back before it gets its name."""
+    """Write the session whole or not at all: a trial is read back first."""
     check_output_folder(args.output)
     if args.output.exists() and any(args.output.iterdir()) and not args.force:
         raise BadInput(args.output, "-o", "a folder that is not empty", "a new one (or --force)")

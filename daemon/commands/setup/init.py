@@ -1,4 +1,4 @@
-"""`armd init FOLDER`: a folder with arm.toml and armd.toml to start from, each key explained."""
+"""`armd init FOLDER`: write a folder with arm.toml and armd.toml, each key explained."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from armd.files.schema import validate
 from armd.files.writing import write_whole
 from armd.terminal.suggest import suggest_names
 
-#: What a person is asked who gives no option, and what Enter means.
+#: Option → the question if it is not given, and the answer that Enter means.
 QUESTIONS = {
     "start_from": (f"which arm: {', '.join(KNOWN)}, a URDF, or a CSV of its rows", "so101"),
     "serial_number": ("what to call it (1 to 64 characters, 16 on the serial wire)", "ARM-1"),
@@ -111,7 +111,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _ask_user(name: str) -> str:
-    """By the person at the terminal, or what Enter means; raises `BadInput` without a person."""
+    """Return the answer of the person at the terminal, or the default for Enter.
+
+    Without a terminal the default is used; raises `BadInput` for `--from`, which has none then.
+    """
     question, default = QUESTIONS[name]
     if sys.stdin.isatty():
         return input(f"{question} [{default}]: ").strip() or default
@@ -121,12 +124,12 @@ def _ask_user(name: str) -> str:
 
 
 def _choose_arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
-    """arm.toml's text, and the bus of an arm that is known."""
+    """Return arm.toml's text, and the bus of a known arm."""
     source = Path(args.start_from)
     bus = None
     remarks: list[str] = []
     if source.suffix.lower() in ROBOTS:
-        from armd.daemon.catalogue.urdf.urdf import write_arm_toml  # scipy, only for this
+        from armd.daemon.catalogue.urdf.urdf import write_arm_toml  # imports scipy
 
         text, remarks = write_arm_toml(source, args.tip_link)
     elif source.suffix:

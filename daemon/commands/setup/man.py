@@ -1,4 +1,4 @@
-"""`armd man`: the help of all commands as one man page, in roff."""
+"""`armd man`: print the help of all commands as one man page, in roff."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def make_page() -> str:
-    """What `armd --help` and `armd COMMAND --help` say."""
+    """Return the texts of `armd --help` and `armd COMMAND --help` in roff."""
     from armd.daemon.cli import find_installed, make_parsers
 
     names = find_installed()
@@ -31,7 +31,7 @@ def make_page() -> str:
     ]
     for name, command in commands.items():
         parts.append(f".SS armd {name}\n{_escape_text(str(command.description))}")
-        if name == "simulate":  # a program of its own
+        if name == "simulate":  # a separate program
             parts.append("See armd simulate \\-\\-help.")
             continue
         if name not in names:
@@ -39,13 +39,13 @@ def make_page() -> str:
                 "Needs packages that are not installed here; it says which when it is run."
             )
             continue
-        # The description stands above already; usage, options and examples follow as they are.
+        # The description is above already; usage, options and examples follow unchanged.
         command.description = None
         parts.append(f".PP\n.nf\n{_escape_text(command.format_help())}\n.fi")
     return "\n".join(parts)
 
 
 def _escape_text(text: str) -> str:
-    """Text that roff shows as it is."""
+    """Escape text so that roff shows it unchanged."""
     lines = text.strip().replace("\\", "\\e").replace("-", "\\-").splitlines()
     return "\n".join("\\&" + line if line[:1] in (".", "'") else line for line in lines)

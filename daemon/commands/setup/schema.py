@@ -1,4 +1,4 @@
-"""`armd schema NAME`: the JSON schema of one of armd's files, for an editor."""
+"""`armd schema NAME`: print the JSON schema of one of armd's files, for an editor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-#: name → model, and the file as a person knows it
+#: name → model, and the file's name with its content
 FORMATS: dict[str, tuple[type[BaseModel], str]] = {
     "arm": (Arm, "arm.toml: what the arm is"),
     "session": (SessionFile, "session.toml: an arm measured on an artefact"),
@@ -32,7 +32,7 @@ FORMATS: dict[str, tuple[type[BaseModel], str]] = {
 
 
 def make_json_schema(name: str) -> dict[str, Any]:
-    """Of one of `FORMATS`."""
+    """Return the JSON schema of one of `FORMATS`."""
     model, title = FORMATS[name]
     schema = model.model_json_schema(by_alias=True)
     return {"$schema": DIALECT, **schema, "title": title}

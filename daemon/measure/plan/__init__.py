@@ -1,1 +1,1 @@
-"""What a guided measurement consists of: stations, in the order to go to them."""
+"""Plans of guided measurements: stations in the order in which to measure them."""

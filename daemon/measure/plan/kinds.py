@@ -37,12 +37,12 @@ from armd.errors import BadInput
 from armd.terminal.counted import format_count
 
 COMMAND_LINE = "the command line"
-#: Rounds over an artefact in each of its placements, or as many more as a certificate wants.
+#: Rounds over an artefact in each of its placements, or more if a certificate needs them.
 ARTEFACT_ROUNDS = 3
 TIP_SEAT_READINGS, TIP_SPHERE_READINGS = 12, 25
-#: A tip that is to be calibrated may be anywhere: only another seat is farther off than this.
+#: The offset of a tip before its calibration is unknown: only another seat is farther off.
 TIP_NEAR_MM = 100.0
-#: Visits of one place: an hour at one each two minutes, and enough to tell drifts from scatter.
+#: Visits of one place: an hour at one each two minutes, enough to separate drift from scatter.
 REPEATABILITY_VISITS = 30
 INTERIM_SEATS, INTERIM_SEAT_READINGS, INTERIM_ROUNDS = ("S1", "S2"), 10, 2
 
@@ -52,12 +52,12 @@ SPHERE_HOW = "touch the sphere, all over its upper half"
 
 
 def make_plan(kind: PlanKind, arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Plan:
-    """The stations of a measurement of *arm*, on *artefact* where there is one.
+    """Return the plan of a measurement of *arm*, on *artefact* if there is one.
 
     Raises `BadInput` for wishes that cannot be met.
     """
     _refuse_what_is_not_asked(kind, artefact, wishes)
-    if artefact is not None and kind in ("poses", "interim"):  # they go to points with a name
+    if artefact is not None and kind in ("poses", "interim"):  # these need named points
         refuse_surfaces(artefact, "the artefact", "`armd measure`")
     artefact, stations = _MAKERS[kind](arm, artefact, wishes)
     names = artefact.target_names
@@ -153,8 +153,10 @@ def _plan_verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
 
 
 def _with_points(artefact: Artefact, tests: Sequence[str]) -> Artefact:
-    """With the points of the tests that its certified sphere is for, or that are asked for: nothing
-    is known of them, so nobody need list them. Points that are listed stay as they are."""
+    """Add the points of requested tests, and of tests on the certified sphere.
+
+    Nothing is known of them, so nobody need list them. Points that are listed stay unchanged.
+    """
     between = {frozenset(distance.between) for distance in artefact.distances}
     sphere = frozenset(("SPHERE.a", "SPHERE.b")) in between
     names: list[str] = []
@@ -180,7 +182,7 @@ def _plan_tip(_arm: Arm, _none: Artefact | None, wishes: Wishes) -> Made:
         names = ["seat"]
         stations = plan_rounds(["1"], names, wishes.repeats or TIP_SEAT_READINGS, SEAT_HOW)
     else:
-        # A contact point is a target of its own: the tip's centre stands there once.
+        # Each contact point is a separate target, because the tip's centre is there only once.
         count = wishes.repeats or TIP_SPHERE_READINGS
         names = [f"SPHERE.{i:02d}" for i in range(1, count + 1)]
         stations = plan_rounds(
@@ -210,7 +212,7 @@ def _plan_interim(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
 
 
 def _plan_interim_poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
-    """The check that a history proposes, or a table of it: each pose once, the seats in turn."""
+    """Plan the check that a history or a table proposes: each pose once, the seats in turn."""
     option = "--poses" if wishes.proposed is None else "--proposed"
     options = {
         "--artefact": artefact is not None,

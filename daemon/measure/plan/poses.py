@@ -1,7 +1,7 @@
-"""The poses of `armd design` as stations: which ball for each, and where the artefact should stand.
+"""Convert the poses of `armd design` to stations, and place the artefact for them.
 
-`armd design` chooses poses as if a target stood wherever it wants one. An artefact has its balls
-where they are, so it is put where they come nearest to the tips of the poses, and each pose goes to
+`armd design` chooses poses as if a target stood at every wanted point. An artefact has its balls at
+fixed positions. So it is placed where they are nearest to the tips of the poses, and each pose uses
 the ball that is then nearest. A table that names placements and balls itself is followed.
 """
 
@@ -24,23 +24,23 @@ from armd.daemon.measure.plan.stations import Station
 from armd.errors import BadInput
 from armd.files.inputs import MOST_TOML_BYTES, read_input
 
-#: Ways to turn the artefact from which its place is sought, and steps of the search.
+#: Random initial orientations of the artefact, and steps of the search from each.
 TURNS, STEPS = 200, 20
 SIDES = {"+": "up", "-": "down"}
 
 
 class Pose(NamedTuple):
-    """A row of the table."""
+    """A row of the table of poses."""
 
     tip_mm: tuple[float, float, float]  # base frame
     posture_deg: tuple[float, ...]  # joint angles as read
-    how: str  # how to come to it, and how warm, in words
+    how: str  # how to approach it, and the temperatures, in words
     placement: str = ""  # of the artefact, and its target, where the table names them
     target: str = ""
 
 
 def read_poses(path: Path, n_joints: int, sensors: Sequence[str]) -> list[Pose]:
-    """A table that `armd design -o` wrote; raises `BadInput`."""
+    """Read a table that `armd design -o` wrote; raises `BadInput`."""
     text = read_input(path, MOST_TOML_BYTES).decode("utf-8-sig", "replace")
     rows = csv.DictReader(io.StringIO(text))
     tip = [f"{axis}_mm" for axis in "xyz"]
@@ -61,9 +61,12 @@ def read_poses(path: Path, n_joints: int, sensors: Sequence[str]) -> list[Pose]:
 
 
 def make_stations(poses: Sequence[Pose], artefact: Artefact, placement: str) -> list[Station]:
-    """Pose after pose, at the target that the table names, else at the one that suits it; seats, of
-    which nobody knows where they are, are then gone to in turn, and each had better stand where its
-    poses are. Raises `BadInput` for a target that the artefact lacks."""
+    """Return the stations, pose after pose.
+
+    Each is at the target that the table names, else at the nearest one. Seats at unknown positions
+    are used in turn, and a hint says to place each near its poses. Raises `BadInput` for a target
+    that the artefact lacks.
+    """
     if all(pose.placement and pose.target for pose in poses):
         return _make_named_stations(poses, artefact)
     names = artefact.target_names
@@ -97,7 +100,10 @@ def make_stations(poses: Sequence[Pose], artefact: Artefact, placement: str) -> 
 
 
 def _make_named_stations(poses: Sequence[Pose], artefact: Artefact) -> list[Station]:
-    """The first pose of each placement says where to put the artefact."""
+    """Return the stations of a table that names placements and targets.
+
+    The first pose of each placement says where to put the artefact.
+    """
     stations, begun = [], set()
     for pose in poses:
         if pose.target not in artefact.target_names:
@@ -123,9 +129,11 @@ def _make_named_stations(poses: Sequence[Pose], artefact: Artefact) -> list[Stat
 
 
 def _place_targets(local: F64, tips: F64) -> tuple[F64, I64]:
-    """Targets (m, 3) in the base frame, put where they come nearest to the tips (n, 3), and the
-    nearest target (n,) of each tip: to and fro between both, from many turns (iterative closest
-    points, Besl and McKay 1992)."""
+    """Place the targets (m, 3) nearest to the tips (n, 3), in the base frame.
+
+    Also returns the nearest target (n,) of each tip. Both are found in alternation, from many
+    initial orientations (iterative closest points, Besl and McKay 1992).
+    """
     turns = Rotation.random(TURNS, random_state=0).as_matrix()
     group, weight = np.zeros(len(tips), np.int64), np.ones(len(tips))
     best, least_missed = (local, np.zeros(len(tips), np.int64)), math.inf
@@ -143,8 +151,10 @@ def _place_targets(local: F64, tips: F64) -> tuple[F64, I64]:
 
 
 def _choose_far_targets(local: F64) -> list[int]:
-    """Up to three targets that tell how an artefact stands: the farthest two, and the one farthest
-    from these."""
+    """Choose up to three targets that show how an artefact stands.
+
+    They are the farthest two, and the one farthest from these.
+    """
     distance_mm = np.linalg.norm(local[:, None] - local, axis=2)
     first, second = np.unravel_index(int(distance_mm.argmax()), distance_mm.shape)
     third = int(np.minimum(distance_mm[first], distance_mm[second]).argmax())
@@ -162,7 +172,7 @@ def describe_pose(
     sensors: Sequence[str],
     whose: str = "`armd design`",
 ) -> str:
-    """In words, of a *row* of the table: how to come to a pose, and how warm."""
+    """Describe a *row* of the table in words: how to approach the pose, and temperatures."""
     sides = [
         f"{k} {SIDES[side]}"
         for k in range(1, n_joints + 1)

@@ -1,9 +1,9 @@
-"""How the arm should stand for the next reading: as unlike all earlier ones as the target allows.
+"""Propose the arm's posture for the next reading, as different as possible from earlier ones.
 
-A reading in a posture that was there before tells little that is new. Where the target is known,
-postures that reach it are solved for, and the one farthest from those measured is proposed; else
-the joint that has moved least is named. Where `armd design` chose the posture, it is that one,
-turned as little as it takes to reach the target.
+A reading in a posture that was used before adds little information. Where the target is known,
+postures that reach it are solved for, and the one farthest from the measured ones is proposed. Else
+the joint that has moved least is named. A posture that `armd design` chose is used, turned as
+little as necessary to reach the target.
 """
 
 from __future__ import annotations
@@ -17,17 +17,19 @@ from armd.compensation.design.reaching import solve_postures
 from armd.compensation.model.arm import Arm
 
 CANDIDATES = 96
-MARGIN_RAD = np.radians(5.0)  # kept from the end stops
+MARGIN_RAD = np.radians(5.0)  # distance from the end stops
 
 
 class Proposal(NamedTuple):
-    q_rad: F64 | None  # (N,) as read; None: no posture is proposed
-    why: str  # in words; "" where nothing need be said
+    q_rad: F64 | None  # (N,) joint angles as read; None: no posture is proposed
+    why: str  # in words; may be ""
 
 
 def propose(arm: Arm, constants: F64, target_mm: F64 | None, measured: F64, seed: int) -> Proposal:
-    """For the next reading, after those at *measured* angles (n, N) rad; *constants* are the
-    calibration's parameter vector. The same *seed* gives the same proposal."""
+    """Propose the next posture after those at *measured* angles (n, N) rad.
+
+    *constants* are the calibration's parameter vector. Equal seeds give equal proposals.
+    """
     if len(measured) == 0:
         return Proposal(None, "")
     low, high = arm.range_rad
@@ -48,7 +50,7 @@ def propose(arm: Arm, constants: F64, target_mm: F64 | None, measured: F64, seed
 def choose_designed(
     arm: Arm, constants: F64, target_mm: F64 | None, designed_q: F64, measured: F64
 ) -> Proposal:
-    """The posture *designed_q* (N,) rad, turned to reach the target where that is known."""
+    """Return the posture *designed_q* (N,) rad, turned to reach the target if that is known."""
     q = designed_q
     if target_mm is not None:
         reaching = _solve_reaching(arm, constants, target_mm, designed_q[None])
@@ -57,7 +59,7 @@ def choose_designed(
 
 
 def _describe_beyond(arm: Arm, q: F64, measured: F64) -> str:
-    """The joint that leaves what was covered farthest is what a person should know; "" if none."""
+    """Describe the joint that goes farthest beyond its covered range; "" if none does."""
     low, high = arm.range_rad
     beyond = np.maximum(measured.min(axis=0) - q, q - measured.max(axis=0))
     j = int(np.argmax(beyond / (high - low)))
@@ -70,7 +72,7 @@ def _describe_beyond(arm: Arm, q: F64, measured: F64) -> str:
 
 
 def _find_reaching(arm: Arm, constants: F64, target_mm: F64, seed: int) -> F64:
-    """Postures (m, N) within the limits whose tip is at the target."""
+    """Return postures (m, N) within the limits whose tip is at the target."""
     low, high = arm.range_rad
     rng = np.random.default_rng(seed)
     q = rng.uniform(low + MARGIN_RAD, high - MARGIN_RAD, (CANDIDATES, arm.n_joints))
@@ -78,7 +80,7 @@ def _find_reaching(arm: Arm, constants: F64, target_mm: F64, seed: int) -> F64:
 
 
 def _solve_reaching(arm: Arm, constants: F64, target_mm: F64, q: F64) -> F64:
-    """Of postures *q* (m, N) those that can be turned to reach the target within the limits."""
+    """Solve postures *q* (m, N) for the target; return those that reach it within limits."""
     solved, reached = solve_postures(arm, constants, target_mm, q)
     solutions: F64 = solved[reached]
     return solutions

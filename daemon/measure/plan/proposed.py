@@ -20,9 +20,10 @@ SEATS = 2
 
 
 def load_proposed_check(history: Path, arm: Arm) -> list[Pose]:
-    """The poses that the last `armd interim add` or `report` proposed, from seat to seat in turn.
+    """Return the poses that the last `armd interim add` or `report` proposed.
 
-    Raises `BadInput` for a history of another arm, without a result, or that proposes nothing.
+    They alternate between the seats. Raises `BadInput` for a history of another arm, without a
+    result, or without a proposal.
     """
     path = history / REPORT
     if not path.exists():

@@ -1,4 +1,4 @@
-"""What a guided measurement consists of: stations, one reading each, in the order to go to them."""
+"""The plan of a guided measurement: stations, one reading each, in measuring order."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from armd.files.schema import Strict, validate
 PlanKind = Literal["seats", "artefact", "verify", "poses", "tip", "interim", "repeatability"]
 KINDS: tuple[PlanKind, ...] = get_args(PlanKind)
 
-#: Farther than this from where its target must be, a reading is taken for another target's (mm).
+#: A reading farther than this (mm) from its target's position counts as another target's.
 NEAR_MM = 5.0
-#: Coarse encoders put the tip that many of their steps off, at a metre.
+#: For coarse encoders that distance is so many of their steps, at a metre.
 NEAR_STEPS = 20.0
 MOST_STATIONS = 10_000
 
-#: Where an artefact should stand, one placement after another: a calibration holds where the arm
-#: was, so that each should be another part of its reach.
+#: Places for an artefact, one placement after another: a calibration is valid where the arm was
+#: measured, so each should be in another part of its reach.
 PLACES = (
     "in front of the arm, at table height",
     "to the left, turned by a quarter",
@@ -37,33 +37,33 @@ PLACES = (
 
 
 class Station(Strict):
-    """One reading: at this target, the artefact standing in this placement."""
+    """One reading: at this target, with the artefact in this placement."""
 
     placement: str
     target: str
-    how: str = ""  # to touch it, for a person
-    posture_deg: tuple[float, ...] | None = None  # joint angles as read, of `armd design`
+    how: str = ""  # how to touch it, for a person
+    posture_deg: tuple[float, ...] | None = None  # joint angles as read, from `armd design`
 
 
 class Plan(Strict):
-    """A guided measurement, whole: what the log begins with."""
+    """The whole plan of a guided measurement, with which the log begins."""
 
     kind: PlanKind
     artefact: Artefact
     stations: list[Station]
     near_mm: float = NEAR_MM
-    #: Whether temperatures outside the calibration's range, or changing fast, spoil a reading: they
-    #: do where the arm as it is calibrated is judged, and are wanted where it is calibrated.
+    #: Whether temperatures outside the calibration's range, or changing fast, invalidate a reading:
+    #: true where the calibrated arm is judged; such readings are useful where it is calibrated.
     within_calibration: bool = False
-    #: Of a sphere that the tip touches from outside (kind tip); None: the tip stands in a seat.
+    #: Diameter of a sphere touched from outside (kind tip); None: the tip is in a seat.
     sphere_mm: float | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """As JSON."""
+        """Return the plan as JSON data."""
         return self.model_dump(mode="json", by_alias=True, exclude_defaults=True)
 
     def place_in_words(self, placement: str) -> str:
-        """Where the artefact should stand, for kinds that leave it to the person."""
+        """Describe where the artefact should stand, for kinds that let the person choose."""
         names = list(dict.fromkeys(station.placement for station in self.stations))
         if self.kind != "artefact" or placement not in names:
             return ""
@@ -72,7 +72,7 @@ class Plan(Strict):
 
 @dataclass(frozen=True)
 class Wishes:
-    """What a person may choose; None: as the kind has it."""
+    """The user's choices for a plan; None: the kind's default."""
 
     targets: Sequence[str] | None = None
     placements: Sequence[str] | None = None
@@ -85,7 +85,7 @@ class Wishes:
 
 
 def compute_near_mm(arm: Arm) -> float:
-    """How far from its target a reading of this arm may lie, uncalibrated."""
+    """Return the limit of a reading's distance from its target, for an uncalibrated arm."""
     turns = [joint.counts_per_turn for joint in arm.joint if joint.counts_per_turn]
     step_mm = 1000.0 * math.tau / min(turns) if turns else 0.0
     return max(NEAR_MM, NEAR_STEPS * step_mm)
@@ -94,8 +94,10 @@ def compute_near_mm(arm: Arm) -> float:
 def plan_rounds(
     placements: Sequence[str], targets: Sequence[str], repeats: int, how: str = ""
 ) -> list[Station]:
-    """Round after round over all targets, in one placement after another: no target is touched
-    twice running, so that the arm stands otherwise each time."""
+    """Plan rounds over all targets, in one placement after another.
+
+    No target of several is touched twice in a row, so that the arm's posture differs each time.
+    """
     return [
         Station(placement=placement, target=target, how=how)
         for placement in placements
@@ -105,13 +107,13 @@ def plan_rounds(
 
 
 def make_seats_artefact(names: Sequence[str]) -> Artefact:
-    """Points that nobody knows, fixed where they are."""
+    """Return an artefact of fixed points at unknown positions."""
     targets = [{"name": name} for name in dict.fromkeys(names)]
     return validate("the seats", {"name": "seats", "target": targets}, Artefact)
 
 
 def parse_plan(source: str, content: object) -> Plan:
-    """A plan as the log has it; raises `BadInput`."""
+    """Parse a plan from the log; raises `BadInput`."""
     try:
         return Plan.model_validate(content)
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""Stations on surfaces: touched anywhere, so often that they tell where they are."""
+"""Stations on surfaces, each touched anywhere and often enough to locate it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from armd.compensation.data.sessions.format import Artefact, SurfaceKind
 from armd.compensation.verify.touched import SPHERE_POINTS
 from armd.daemon.measure.plan.stations import PLACES, Station
 
-#: Touches of a surface in each placement for a calibration: each is one number, no point.
+#: Touches of a surface in each placement for a calibration: each gives one number, not a point.
 CALIBRATION_TOUCHES = 40
 #: Placements of an artefact of surfaces alone; positions of a verified sphere; touches of a face.
 SURFACE_PLACEMENTS, SPHERE_POSITIONS, FACE_TOUCHES = len(PLACES), 2, 8
@@ -23,7 +23,7 @@ HOW: dict[SurfaceKind, str] = {
 def make_surface_stations(
     artefact: Artefact, placement: str, names: Sequence[str], touches: int
 ) -> list[Station]:
-    """Stations on the surfaces among *names* in one placement, by turns."""
+    """Return stations on the surfaces among *names* in one placement, in turn."""
     kinds = artefact.surface_kinds
     return [
         Station(placement=placement, target=name, how=HOW[kinds[name]])
@@ -34,7 +34,10 @@ def make_surface_stations(
 
 
 def list_verified_surfaces(artefact: Artefact) -> list[Station]:
-    """What `armd verify` counts: each sphere in two positions, and the faces of each block."""
+    """Return the stations that `armd verify` uses.
+
+    They are on each sphere in two positions, and on the faces of each block.
+    """
     spheres = [surface.name for surface in artefact.surfaces if surface.kind == "sphere"]
     stations = [
         station

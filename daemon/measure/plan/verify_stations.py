@@ -1,4 +1,4 @@
-"""Stations of the tests that `armd verify` counts, by targets' names (docs/how-to/verify.md)."""
+"""Stations of the tests of `armd verify`, by the targets' names (docs/how-to/verify.md)."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 
 from armd.daemon.measure.plan.stations import Station, plan_rounds
 
-#: Readings of a seat, each in another posture: as ASME B89.4.22 wants of a single point.
+#: Readings of a seat, each in another posture: ASME B89.4.22 requires them of a single point.
 SEAT_READINGS = 10
 SPAT = ("SPAT1", "SPAT2", "SPAT3")
 SPAT_WHERE = ("near the column", "in the middle of the reach", "far out")
 LENGTHS = tuple(f"L{i}" for i in range(6))
 SEAT_HOW = "the tip in the seat, the arm in another posture than before"
 
-#: Points on a sphere by the test that they are of, as docs/how-to/verify.md counts them.
+#: Test → its points on a sphere, numbered as in docs/how-to/verify.md.
 SPHERE_POINTS: dict[str, list[str]] = {
     "probing": [f"SPHERE{number}.{i:02d}" for number in (1, 2) for i in range(1, 26)],
     "l_dia": [f"LDIA.{k}.{i}" for k in range(1, 6) for i in range(1, 6)],
@@ -81,7 +81,7 @@ def _plan_volumetric(names: Sequence[str]) -> list[Station]:
     ]
 
 
-#: What `--tests` names, in the order of measuring.
+#: The tests of `--tests`, in the order of measuring.
 TESTS: dict[str, Callable[[Sequence[str]], list[Station]]] = {
     "probing": _plan_spheres,
     "l_dia": _plan_orientations,
@@ -93,7 +93,7 @@ TESTS: dict[str, Callable[[Sequence[str]], list[Station]]] = {
 
 
 def _describe_on_sphere(name: str) -> str:
-    """Points are numbered from the pole down, ring by ring."""
+    """Describe a point's place: points are numbered from the pole down, ring by ring."""
     number = int(re.sub(r"\D", "", name.rpartition(".")[2]) or "0")
     region = "at the pole" if number == 1 else "farther down, all around"
     return f"touch the sphere {region} (docs/how-to/verify.md has the pattern)"

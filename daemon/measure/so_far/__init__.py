@@ -1,1 +1,1 @@
-"""Where a guided measurement stands by its log, what that tells already, and what is next."""
+"""The state of a guided measurement from its log: progress, estimates, the next station."""

@@ -1,4 +1,4 @@
-"""What a guided measurement has covered: targets by placement, joint ranges, temperatures."""
+"""The coverage of a guided measurement: targets by placement, joint ranges, temperatures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FULL_TURN_DEG = 360.0
 
 
 def count_targets(plan: Plan, progress: Progress) -> list[dict[str, Any]]:
-    """Each target in each placement of the plan: readings taken and wanted."""
+    """Count the readings taken and wanted of each target in each placement of the plan."""
     planned = Counter((station.placement, station.target) for station in plan.stations)
     counts = Counter((reading.placement, reading.target) for reading in progress.readings)
     left_out = Counter(
@@ -35,7 +35,7 @@ def count_targets(plan: Plan, progress: Progress) -> list[dict[str, Any]]:
 
 
 def describe_joints(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
-    """Each joint: the angles it has stood at, and what share of its range that is."""
+    """List each joint's measured angles, and their share of its range."""
     angles = np.degrees(collect_angles(progress, arm.n_joints))
     rows = []
     for k, joint in enumerate(arm.joint):
@@ -58,7 +58,7 @@ def describe_joints(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
 
 
 def describe_temperatures(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
-    """Each sensor: its lowest and highest value at a reading, °C."""
+    """List each sensor's lowest and highest value at a reading, °C."""
     rows = []
     for name in arm.sensors:
         values = [reading.measurement["temperatures_c"].get(name) for reading in progress.readings]
@@ -69,6 +69,6 @@ def describe_temperatures(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
 
 
 def collect_angles(progress: Progress, n_joints: int) -> F64:
-    """Joint angles (n, N) rad of the readings."""
+    """Return the joint angles (n, N) rad of the readings."""
     rows = [reading.measurement["angles_rad"] for reading in progress.readings]
     return np.array(rows, dtype=float).reshape(len(rows), n_joints)

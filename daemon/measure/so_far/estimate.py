@@ -1,4 +1,4 @@
-"""What the readings taken so far already tell, with its uncertainty, and what is still missing."""
+"""Estimates from the readings taken so far, with their uncertainty, and missing readings."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from armd.daemon.measure.plan.stations import Plan
 from armd.daemon.measure.so_far.progress import Progress, Reading
 from armd.errors import BadInput
 
-#: Points beyond its unknowns that a surface wants before its scatter is told.
+#: Points beyond its unknowns that a surface needs for an estimate of its scatter.
 SPARE = 2
 UNKNOWNS: dict[SurfaceKind, int] = {"plane": 3, "sphere": 4}
 
 
 def estimate_now(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[str, Any]:
-    """At once, after every reading: `text` for a person, and its figures."""
+    """Estimate quickly after every reading: `text` for a person, and its figures."""
     if plan.kind == "tip":
         return _estimate_tip(plan, progress, in_use)
     return _estimate_scatter(plan, progress)
@@ -40,8 +40,10 @@ def estimate_now(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[s
 def identify_so_far(
     folder: Path, arm: Arm, earlier_sessions: Sequence[Path] = ()
 ) -> dict[str, Any]:
-    """What `armd calibrate` makes of the unfinished session in *folder*, with *earlier_sessions*:
-    `text`, `enough` and figures. Takes seconds; for a thread of the face's own."""
+    """Calibrate from the unfinished session in *folder*, with *earlier_sessions*.
+
+    Returns `text`, `enough` and figures. It takes seconds; call it in a thread of the face's own.
+    """
     try:
         result = calibrate(load_sessions([*earlier_sessions, folder], arm), arm)
     except BadInput as error:
@@ -68,7 +70,10 @@ def identify_so_far(
 
 
 def fit_tip_so_far(plan: Plan, readings: Sequence[Reading], in_use: MeasuredWith) -> TipFit:
-    """The tip's offset of these readings; raises `ArithmeticError` where they do not tell it."""
+    """Fit the tip's offset to these readings.
+
+    Raises `ArithmeticError` where they do not determine it.
+    """
     if not readings:
         raise ArithmeticError("no readings")
     measurements = [reading.measurement for reading in readings]
@@ -93,7 +98,7 @@ def _estimate_tip(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[
 
 
 def _estimate_scatter(plan: Plan, progress: Progress) -> dict[str, Any]:
-    """How well the live points repeat at seats, and fit the certified positions."""
+    """Estimate how well the live points repeat at seats, and fit the certified positions."""
     squares, freedom = 0.0, 0
     by_placement: defaultdict[str, list[Reading]] = defaultdict(list)
     for reading in progress.readings:
@@ -115,8 +120,11 @@ def _estimate_scatter(plan: Plan, progress: Progress) -> dict[str, Any]:
 
 
 def _compute_residuals(artefact: Artefact, readings: Sequence[Reading]) -> list[tuple[F64, int]]:
-    """Of one placement: residuals mm, (n, 3) or on a surface (n,), and how many unknowns they
-    took, in parts that share none: the certified targets, each seat and each surface."""
+    """Return the residuals of one placement in independent parts.
+
+    The parts are the certified targets, each seat and each surface. Each has residuals in mm, (n,
+    3) or on a surface (n,), and the number of its unknowns.
+    """
     certified = {
         target.name: target.position_mm for target in artefact.targets if target.position_mm
     }
@@ -144,8 +152,10 @@ def _stack_points(readings: Sequence[Reading]) -> F64:
 
 
 def compute_surface_residuals(kind: SurfaceKind, points_mm: F64) -> tuple[F64, int] | None:
-    """Distances (n,) mm of points (n, 3) from the best surface, and how many unknowns it took; None
-    for too few points, and of a cylinder."""
+    """Return distances (n,) mm of points (n, 3) from the best surface.
+
+    Also returns the number of its unknowns. Returns None for too few points, and for a cylinder.
+    """
     unknowns = UNKNOWNS.get(kind)
     if unknowns is None or len(points_mm) < unknowns + SPARE:
         return None

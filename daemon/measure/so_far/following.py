@@ -1,4 +1,4 @@
-"""What follows from where a guided measurement stands: what to touch next, and what is covered."""
+"""The next station of a guided measurement, and its coverage, from its progress."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ from armd.daemon.measure.so_far.whereabouts import Whereabouts
 
 
 class Following:
-    """Of one moment; made anew whenever something was taken, deleted or left out."""
+    """The next station and the coverage at one moment.
+
+    It is made again whenever a reading is taken or deleted, or a station is skipped.
+    """
 
     def __init__(self, plan: Plan, progress: Progress, in_use: MeasuredWith) -> None:
         self.station = station = progress.next_station
@@ -35,9 +38,9 @@ class Following:
             "temperatures": describe_temperatures(arm, progress),
         }
         self.estimate = estimate_now(plan, progress, in_use)
-        #: Of the station's placement; None where there is no station.
+        #: The targets of the station's placement; None where there is no station.
         self.whereabouts: Whereabouts | None = None
-        #: Of the placements before, as long as nothing was measured in the station's.
+        #: Those of earlier placements, as long as nothing was measured in the station's.
         self.earlier: dict[str, Whereabouts] = {}
         self._target_mm: F64 | None = None
         self._posture = Proposal(None, "")
@@ -49,7 +52,7 @@ class Following:
         readings = progress.readings
         self._moved = not readings or readings[-1].placement != station.placement
         measured_in = {reading.placement for reading in readings}
-        # The bars of a verification may share a mount from placement to placement.
+        # The bars of a verification may keep a mount in several placements.
         if station.placement not in measured_in and plan.kind != "verify":
             self.earlier = {
                 place: _locate_placement(plan, progress, place) for place in measured_in
@@ -64,14 +67,14 @@ class Following:
             self._posture = choose_designed(*to, np.radians(station.posture_deg), measured)
 
     def distance_mm(self, tip_mm: Sequence[float] | F64) -> float | None:
-        """From the tip to the next target; None while nobody knows where that is."""
+        """Return the distance from the tip to the next target; None while that is unknown."""
         if self._target_mm is None:
             return None
         away = float(np.linalg.norm(np.asarray(tip_mm, float) - self._target_mm))
         return away if np.isfinite(away) else None
 
     def as_json(self, tip_mm: Sequence[float] | F64 | None) -> dict[str, Any] | None:
-        """The next station for a face; None: everything is measured."""
+        """Return the next station for a face; None if everything is measured."""
         station = self.station
         if station is None:
             return None

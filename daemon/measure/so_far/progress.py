@@ -1,16 +1,16 @@
-"""Where a guided measurement stands: a pure fold over the entries of its log.
+"""The progress of a guided measurement: a pure fold over the entries of its log.
 
 An entry's `what` is one of
 
-- `reading`: `number` (never used twice), `station` (index into the plan; None: once more), the
+- `reading`: `number` (never used twice), `station` (index into the plan; None: a repetition), the
   `placement` and `target` measured, `artefact_c`, and the `measurement` as published;
-- `deleted`: `number` of the reading that goes;
-- `again`: the next reading is the last one's target once more;
-- `skipped`: a `station` that is left out;
-- `artefact_c`: the artefact's temperature as a person read it, which goes with the readings from
-  then on (None: nobody knows it any more);
-- `refused`: `reason`, `text`, and the `measurement`: it changes nothing but a count, and a press
-  too far off is remembered until something is taken.
+- `deleted`: `number` of the deleted reading;
+- `again`: the next reading repeats the last one's target;
+- `skipped`: a `station` that is skipped;
+- `artefact_c`: the artefact's temperature as a person read it, which later readings get (None: it
+  is unknown from then on);
+- `refused`: `reason`, `text`, and the `measurement`. It changes only a count, and a measurement
+  that is too far off is stored until an entry other than `refused` or `artefact_c`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from armd.daemon.measure.plan.stations import Plan, Station
 
 @dataclass(frozen=True)
 class Reading:
-    """One that was taken and not deleted."""
+    """A reading that was taken and not deleted."""
 
     number: int
     station: int | None
@@ -36,7 +36,7 @@ class Reading:
 
 
 class Progress:
-    """`apply` is the one way anything changes."""
+    """The progress, which only `apply` changes."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
@@ -45,13 +45,13 @@ class Progress:
         self.skipped: set[int] = set()
         self.last_number = 0
         self.artefact_c: float | None = None
-        #: The last measurement refused as too far off; nothing was taken or deleted since.
+        #: The last measurement refused as too far off, if nothing was taken or deleted since.
         self.stray: Mapping[str, Any] | None = None
         self._filled: set[int] = set()
         self._again: Station | None = None
 
     def apply(self, entry: Mapping[str, Any]) -> None:
-        """Raises `ValueError` or `KeyError` for an entry that cannot follow those before."""
+        """Apply an entry; raises `ValueError` or `KeyError` if it cannot follow the others."""
         stray = None
         match entry["what"]:
             case "reading":
@@ -73,7 +73,7 @@ class Progress:
 
     @property
     def next_index(self) -> int | None:
-        """Of the station to go to next; None: the last one once more, or there is none."""
+        """The index of the next station; None: the last one is repeated, or there is none."""
         if self._again is not None:
             return None
         done = self._filled | self.skipped
@@ -81,7 +81,7 @@ class Progress:
 
     @property
     def next_station(self) -> Station | None:
-        """None: everything is measured."""
+        """The next station; None: everything is measured."""
         if self._again is not None:
             return self._again
         index = self.next_index
@@ -89,7 +89,7 @@ class Progress:
 
     @property
     def done(self) -> int:
-        """Stations that have their reading."""
+        """The number of stations that have their reading."""
         return len(self._filled)
 
     def _take(self, entry: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Where the targets of a placement stand in the base frame, as far as its readings tell."""
+"""Positions of a placement's targets in the base frame, as far as its readings show."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from armd.arrays import F64
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.estimate.placements.rigid_motions import fit_by_kabsch
 
-#: Points nearer to one line (or plane) than this do not tell how the artefact is turned about it.
+#: Points nearer to one line than this do not determine the artefact's rotation about it.
 LEAST_SPAN_MM = 20.0
-#: A target this near to the line of those measured is told by them.
+#: A target this near to the line of the measured ones is located by them.
 ON_LINE_MM = 2.0
 
 
 class Whereabouts:
-    """Of one placement; *measured* maps a target's name to the points (k, 3) mm taken there.
+    """The positions of one placement's targets.
 
-    A surface is touched anywhere: nothing is said of where.
+    *measured* maps a target's name to the points (k, 3) mm taken there. Surfaces have no position,
+    because they are touched anywhere.
     """
 
     def __init__(self, artefact: Artefact, measured: Mapping[str, F64]) -> None:
@@ -38,7 +39,7 @@ class Whereabouts:
             frozenset(distance.between): distance.length_mm for distance in artefact.distances
         }
         names = [name for name in self._positions if name in self._certified]
-        self._span = np.zeros((0, 3))  # unit vectors in which the measured ones extend
+        self._span = np.zeros((0, 3))  # unit vectors of the extent of the measured targets
         if not names:
             return
         local = np.array([self._certified[name] for name in names])
@@ -51,17 +52,17 @@ class Whereabouts:
         self._span = vectors[extent > LEAST_SPAN_MM]
 
     def get_position(self, target: str) -> F64 | None:
-        """Where a target must be (3,) mm, base frame; None while nobody knows."""
+        """Return a target's position (3,) mm, base frame; None while it is unknown."""
         if target in self._certified:
             return self._placed(self._certified[target])
         return self._positions.get(target)
 
     def is_measured(self, target: str) -> bool:
-        """Whether it was measured in this placement."""
+        """Return whether the target was measured in this placement."""
         return target in self._positions
 
     def find_target(self, point_mm: F64, near_mm: float, but: str | None = None) -> str | None:
-        """The target that a point belongs to, where that is plain, and not *but*."""
+        """Return the target at a point, other than *but*; None if no target is near."""
         distances_mm = {
             name: float(np.linalg.norm(point_mm - position))
             for name in (*self._certified, *self._positions)
@@ -73,8 +74,11 @@ class Whereabouts:
         return nearest if distances_mm[nearest] <= near_mm else None
 
     def contradiction_mm(self, target: str, point_mm: F64) -> tuple[str, float, float] | None:
-        """The measured target whose distance disagrees most: its name, the distance measured and
-        the certified one, mm; None where nothing is certified between them."""
+        """Find the measured target whose distance from *target* disagrees most.
+
+        Returns its name, the measured and the certified distance, mm; None if no distance is
+        certified.
+        """
         worst: tuple[str, float, float] | None = None
         for name, position in self._positions.items():
             certified = self._between(target, name)
@@ -86,8 +90,11 @@ class Whereabouts:
         return worst
 
     def culprits(self, target: str, point_mm: F64, near_mm: float) -> list[str]:
-        """With *target* at a point: the measured targets each of which alone, were it elsewhere,
-        would end every contradiction of certified distances; *target* itself is not listed."""
+        """Return the measured targets that may be wrong if *target* is at a point.
+
+        Each of them alone, at another position, would end every contradiction of certified
+        distances. *target* itself is not listed.
+        """
         positions = {**self._positions, target: point_mm}
         torn = [
             (a, b)
@@ -99,7 +106,7 @@ class Whereabouts:
         return [name for name in suspects if torn and name != target]
 
     def as_far_as(self, point_mm: F64, near_mm: float) -> str | None:
-        """The one target not yet measured that is as far from all measured ones as a point is."""
+        """Return the only unmeasured target with a point's distances from all measured ones."""
         fitting = []
         for name in self._certified.keys() - self._positions.keys():
             certified = {reference: self._between(name, reference) for reference in self._positions}

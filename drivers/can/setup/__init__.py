@@ -1,1 +1,1 @@
-"""Nodes set up by SDO, one after the other, beside the receive loop."""
+"""Configuration of nodes by SDO, one after the other, beside the receive loop."""

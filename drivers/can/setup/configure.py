@@ -1,6 +1,6 @@
-"""Setting up one node by SDO: ask what it is, tell it what to send, check that it understood.
+"""Configures one node by SDO: reads its identity, sets its PDOs, and checks them.
 
-Blocking, so it runs beside the receive loop (see `driver`), which feeds it the SDO answers.
+It blocks, so it runs beside the receive loop (see `driver`), which passes the SDO answers to it.
 """
 
 from __future__ import annotations
@@ -26,35 +26,35 @@ from armd.drivers.can.setup.sdo import (
 
 PROBE_S = 0.1
 ANSWER_S = 0.3
-VISIT_S = 5.0  # a node that takes longer, as by an upload that never ends, is passed over
+VISIT_S = 5.0  # a node that takes longer, e.g. by an endless upload, is skipped
 SYNCHRONOUS_MOST = 240  # the slowest synchronous transmission type: every 240th SYNC
 
-# What fails reaches a person as an event; canopen's own log would say it again on stderr.
+# Faults reach the user as events; canopen's own log would repeat them on stderr.
 logging.getLogger("canopen").addHandler(logging.NullHandler())
 
 
 @dataclass(frozen=True, slots=True)
 class EncoderFacts:
-    """What a joint's encoder said of itself."""
+    """The properties that a joint's encoder reported."""
 
     counts_per_turn: int
     range_counts: int  # its position wraps at this
     serial_number: int | None  # None: it has none
     layout: can.EncoderLayout = can.ENCODER_LAYOUT
-    alarms: int | None = None  # where the layout has none: 6503 as asked, None if it has none
-    counts_told: bool = True  # False: it has no 6501, and arm.toml's are taken
+    alarms: int | None = None  # object 6503, read by SDO; None: in the layout, or missing
+    counts_told: bool = True  # False: it has no 6501, and arm.toml's counts are used
 
 
 @dataclass(frozen=True, slots=True)
 class Complaints:
-    """6505 and 6503 of an encoder; None where it has no such object, or was not asked."""
+    """Objects 6505 and 6503 of an encoder; None where it has no such object, or was not asked."""
 
     warnings: int | None
     alarms: int | None = None
 
 
 class PromptSdo(canopen.sdo.SdoClient):  # type: ignore[misc]
-    """canopen's, which would read for ever what a node goes on sending."""
+    """canopen's SDO client with a deadline: a node may send without end."""
 
     deadline_s = float("inf")  # on the monotonic clock
 
@@ -65,7 +65,7 @@ class PromptSdo(canopen.sdo.SdoClient):  # type: ignore[misc]
 
 
 class PromptNode(canopen.RemoteNode):  # type: ignore[misc]
-    """A node that is asked through `PromptSdo`."""
+    """A node that is accessed through `PromptSdo`."""
 
     def add_sdo(self, request_id: int, reply_id: int) -> PromptSdo:
         client = PromptSdo(request_id, reply_id, self.object_dictionary)
@@ -73,21 +73,23 @@ class PromptNode(canopen.RemoteNode):  # type: ignore[misc]
         return client
 
     def visited(self, answer_s: float) -> None:
-        """A visit begins: each answer has *answer_s*, the whole `VISIT_S`."""
+        """Begin a visit: each answer may take *answer_s*, the whole visit `VISIT_S`."""
         self.sdo.RESPONSE_TIMEOUT = answer_s
         self.sdo.deadline_s = time.monotonic() + VISIT_S
 
 
 def make_remote_node(number: int) -> PromptNode:
-    """A node with the dictionary of its kind; only standard objects are used, so that of any
-    maker will answer."""
+    """Make a node with the dictionary of its kind.
+
+    Only standard objects are used, so nodes of any maker can answer.
+    """
     kind = "temperature" if number in can.TEMPERATURE_NODES else "encoder"
     with (files("armd.drivers.can") / "eds" / f"{kind}.eds").open(encoding="ascii") as eds:
         return PromptNode(number, canopen.import_od(eds, number))
 
 
 def is_encoder(node: PromptNode) -> bool:
-    """Whether anybody answers at this number, and is a CiA 406 encoder."""
+    """Return whether a CiA 406 encoder answers at this number."""
     node.visited(PROBE_S)
     try:
         return bool(node.sdo[can.DEVICE_TYPE].raw & 0xFFFF == can.ENCODER_PROFILE)
@@ -98,7 +100,7 @@ def is_encoder(node: PromptNode) -> bool:
 def configure_encoder(node: PromptNode, expected_counts: int | None) -> EncoderFacts:
     """Make *node* a joint: position and alarms at every SYNC, a heartbeat.
 
-    Raises `NodeRefused` or `NodeAbsent`. The node is left operational.
+    The node is operational afterwards. Raises `NodeRefused` or `NodeAbsent`.
     """
     try:
         _stop(node)
@@ -139,8 +141,10 @@ def configure_module(node: PromptNode, n_channels: int, every_sync: int) -> None
 
 
 def read_complaints(node: PromptNode, alarms_too: bool) -> Complaints:
-    """Warnings do not touch the position; they are only reported. Alarms do: they are asked for
-    where the process data have no room for them."""
+    """Read the warnings of an encoder, and its alarms where its PDO has no room for them.
+
+    Warnings do not affect the position, so they are only reported. Alarms do.
+    """
     node.visited(ANSWER_S)
     try:
         alarms = read_optional(node.sdo, can.ALARMS, 0, 2) if alarms_too else None
@@ -168,15 +172,16 @@ def _check_profile(node: PromptNode, expected: int) -> None:
 
 
 def _read_encoder(node: PromptNode, expected_counts: int | None) -> EncoderFacts:
-    """6501 tells the steps of a turn; with scaling switched on, 6001 tells the units instead.
+    """Read counts per turn, range and serial number.
 
-    An encoder of class C1 need have neither: *expected_counts* must say it then.
+    Object 6501 holds the counts per turn, or 6001 if scaling is switched on. An encoder of class C1
+    may lack both: then *expected_counts* is used. Raises `NodeRefused`.
     """
     sdo = node.sdo
     reported: int | None
     if (read_optional(sdo, can.OPERATING_PARAMETERS, 0, 2) or 0) & can.SCALING:
         reported = per_turn = read_object(sdo, can.UNITS_PER_TURN, 0, 4)
-        total = read_object(sdo, can.TOTAL_RANGE, 0, 4) or 1 << 32  # 32 bits cannot say 2^32
+        total = read_object(sdo, can.TOTAL_RANGE, 0, 4) or 1 << 32  # 2^32 does not fit in 32 bits
     else:
         reported = read_optional(sdo, can.PHYSICAL_RESOLUTION, 0, 4)
         chosen_per_turn = expected_counts if reported is None else reported

@@ -1,4 +1,4 @@
-"""Something that blocks, done beside the receive loop; what it raises is not lost."""
+"""Runs blocking work beside the receive loop, and keeps its exception."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class Job(Generic[T]):
-    """Runs *work* in a thread of its own at once. It does not keep the process alive."""
+    """Runs *work* at once in a thread of its own, which does not keep the process alive."""
 
     def __init__(self, work: Callable[[], T]) -> None:
         self._work = work
@@ -24,12 +24,12 @@ class Job(Generic[T]):
         return not self._thread.is_alive()
 
     def wait(self, timeout_s: float) -> bool:
-        """Whether it is done by then."""
+        """Wait up to *timeout_s*; return whether the work is done."""
         self._thread.join(timeout_s)
         return self.done
 
     def result(self) -> T:
-        """What *work* returned; raises what it raised. Only when `done`."""
+        """Return the result of *work*, or raise its exception. Call it only when `done`."""
         self._thread.join()
         if self._error is not None:
             raise self._error

@@ -1,4 +1,4 @@
-"""Telling a node what to send in a TPDO, as far as it lets itself be told."""
+"""Maps the TPDOs of a node, as far as the node permits."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Mapping = Sequence[tuple[int, int, int]]  # index, sub-index, bits
 def set_tpdo(
     sdo: Any, node: int, pdo: int, mappings: Sequence[Mapping], every_sync: int
 ) -> list[int]:
-    """Switch TPDO *pdo* off, map it, switch it on, in the order that CiA 301 demands.
+    """Switch TPDO *pdo* off, map it and switch it on, in the order that CiA 301 demands.
 
-    *mappings*: the mappings that would do, best first. A node whose mapping is fixed keeps its own.
-    Returns the entries of the mapping that is there afterwards, read back. Raises `NodeRefused`,
-    `NodeAbsent`, or canopen's error of silence.
+    *mappings*: the suitable mappings, best first. A node whose mapping is fixed keeps its own.
+    Returns the entries of the resulting mapping, read back. Raises `NodeRefused`, `NodeAbsent`, or
+    canopen's time-out error.
     """
     communication, index = can.TPDO_COMMUNICATION + pdo - 1, can.TPDO_MAPPING + pdo - 1
     cob_id = can.TPDO_BASE[pdo - 1] + node
@@ -51,7 +51,7 @@ def set_tpdo(
 
 
 def check_mapping(pdo: int, entries: list[int], mapping: Mapping) -> None:
-    """Raise `NodeRefused` where it is another."""
+    """Raise `NodeRefused` if *entries* are not those of *mapping*."""
     if entries != _entries(mapping):
         index = can.TPDO_MAPPING + pdo - 1
         raise NodeRefused(
@@ -61,7 +61,7 @@ def check_mapping(pdo: int, entries: list[int], mapping: Mapping) -> None:
 
 
 def find_layout(entries: list[int]) -> EncoderLayout:
-    """Where position and alarms stand in TPDO1 of an encoder. Raises `NodeRefused`."""
+    """Find the bytes of position and alarms in TPDO1 of an encoder. Raises `NodeRefused`."""
     places: dict[int, int] = {}
     bit = 0
     for entry in entries:
@@ -85,14 +85,16 @@ def read_mapping(sdo: Any, index: int) -> list[int]:
 
 
 def _switch_off(sdo: Any, communication: int, cob_id: int) -> int:
-    """The COB-ID with which to switch on: whether remote frames are allowed is the node's to
-    say, as CiA 301 lets it refuse the other."""
+    """Switch the PDO off; return the COB-ID with which to switch it on.
+
+    The node decides whether remote frames are allowed: CiA 301 lets it refuse the other setting.
+    """
     before = read_object(sdo, communication, 1, 4)
     cob_id |= before & can.NO_REMOTE_FRAMES
     try:
         write_object(sdo, communication, 1, 4, cob_id | can.PDO_OFF)
     except ObjectRefused:
-        if before == cob_id:  # a COB-ID that is fixed, and right
+        if before == cob_id:  # the COB-ID is fixed, and correct
             return cob_id
         cob_id ^= can.NO_REMOTE_FRAMES
         write_object(sdo, communication, 1, 4, cob_id | can.PDO_OFF)
@@ -104,7 +106,7 @@ def _set_kind(sdo: Any, communication: int, every_sync: int) -> None:
 
 
 def _write_unless(sdo: Any, index: int, sub: int, size: int, value: int) -> None:
-    """Write what a node may have fixed; no matter where it has that value already."""
+    """Write an object; ignore a refusal if it has that value already."""
     try:
         write_object(sdo, index, sub, size, value)
     except ObjectRefused:

@@ -1,4 +1,4 @@
-"""Which node to configure next, and what came of it, as notes for the decoder."""
+"""Chooses the node to configure next, and reports the results to the decoder as notes."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ Visited = EncoderFacts | Complaints | bool | None
 class NodeSetup:
     """Configures one node after the other, in a job beside the receive loop.
 
-    First of all it asks whether there is one joint too many: an arm with more joints than
-    arm.toml has is a foreign one. What an encoder says of itself the first time it must say
-    again after every failure: another serial number is another encoder.
+    First it checks whether there is one joint too many: an arm with more joints than arm.toml is a
+    foreign one. An encoder must report the same serial number after every failure as at first:
+    otherwise it is another encoder.
     """
 
     def __init__(
@@ -46,19 +46,19 @@ class NodeSetup:
         self._nodes: dict[int, PromptNode] = {}
         self._running: tuple[int, Job[Visited]] | None = None
         self._due_ns: dict[int, int] = {}
-        self._asking = False  # the job running only asks for warnings
+        self._asking = False  # the running job only reads warnings
         self._warned_joint = 0  # the joint last asked for its warnings
         self._warnings_due_ns = 0
         self._warnings: dict[int, int] = {}
-        self._alarms: dict[int, int] = {}  # of joints whose process data have none
+        self._alarms: dict[int, int] = {}  # of joints whose PDO has no alarms
         self._without_warnings: set[int] = set()  # joints whose encoders have no such object
-        self._complaint: dict[int, str] = {}  # the last one about each node, said once
+        self._complaint: dict[int, str] = {}  # the last complaint about each node, reported once
 
     def step(self, network: OwnNetwork, wanting: Sequence[int], now_ns: int) -> list[bytes]:
-        """Notes on the job that has ended, if one has; then the next begins.
+        """Return the notes of a job that has ended, if one has; then start the next job.
 
-        *wanting* are the nodes to be configured; when there are none, one joint after the other
-        is asked for its warnings.
+        *wanting* are the nodes to be configured. If there are none, one joint after the other is
+        asked for its warnings.
         """
         notes: list[bytes] = []
         if self._running is not None:
@@ -71,7 +71,7 @@ class NodeSetup:
             notes = self._conclude(number, job)
         extra = self._expected.n_joints + 1
         candidates = [*([] if extra in self._nodes else [extra]), *wanting]
-        # Whoever has waited longest: a node that does not answer shall not keep the others away.
+        # Take the node that has waited longest: one that does not answer must not block the others.
         number = min(candidates, key=lambda number: self._due_ns.get(number, 0), default=extra)
         if candidates and self._due_ns.get(number, 0) <= now_ns:
             self._asking = False
@@ -89,7 +89,7 @@ class NodeSetup:
         return notes
 
     def restart(self) -> None:
-        """Another bus: whatever was running talks to nobody."""
+        """Forget all nodes of the old bus; a running job has no connection any more."""
         self._running = None
         self._nodes = {}
         self._due_ns = {}
@@ -97,7 +97,11 @@ class NodeSetup:
     # --- beside the loop ---------------------------------------------------------------------
 
     def _visit(self, network: OwnNetwork, nodes: dict[int, PromptNode], number: int) -> Visited:
-        """*nodes* are those of *network*: a visit that outlives it must not add to the next's."""
+        """Configure node *number*, or check that the joint after the last does not exist.
+
+        *nodes* belong to *network*: a visit that outlives the network must not add to the next
+        one's.
+        """
         node = nodes.get(number)
         if node is None:
             node = nodes[number] = network.add_node(make_remote_node(number))
@@ -121,8 +125,8 @@ class NodeSetup:
                 self._check_serial_number(number, outcome.serial_number)
         except NodeRefused as error:
             return self._complain(number, "foreign_arm", str(error))
-        except Exception as error:  # NodeAbsent, or an answer that canopen chokes on
-            if self._asking:  # its heartbeat tells better
+        except Exception as error:  # NodeAbsent, or an answer that canopen cannot handle
+            if self._asking:  # a missing heartbeat shows it better
                 return []
             return self._complain(number, "node_absent", str(error) or repr(error))
         if outcome is False:

@@ -1,4 +1,4 @@
-"""Reading and writing one object of a node by SDO; what fails names the object."""
+"""Reads and writes one object of a node by SDO; errors name the object."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from canopen.sdo.exceptions import SdoAbortedError
 
 
 class NodeRefused(Exception):
-    """The node answers, but is not what arm.toml (or this session so far) expects."""
+    """The node answers, but is not the one that arm.toml (or this session so far) expects."""
 
 
 class NodeAbsent(Exception):
-    """The node does not answer, or not sensibly."""
+    """The node does not answer, or its answer makes no sense."""
 
 
 class ObjectRefused(NodeAbsent):
@@ -23,12 +23,15 @@ class ObjectRefused(NodeAbsent):
 
 
 def name_object(index: int, sub: int) -> str:
-    """`1018:4`; `6503` where the object has no other sub-index."""
+    """Return the name of an object: `1018:4`, or `6503` if it has no other sub-index."""
     return f"{index:04X}:{sub}" if sub or 0x1018 <= index < 0x2000 else f"{index:04X}"
 
 
 def read_object(sdo: Any, index: int, sub: int, size: int) -> int:
-    """An unsigned integer of *size* bytes. Raises `NodeAbsent`, or canopen's error of silence."""
+    """Read an unsigned integer of *size* bytes.
+
+    Raises `NodeAbsent`, or canopen's time-out error.
+    """
     try:
         data = bytes(sdo.upload(index, sub))
     except SdoAbortedError as error:
@@ -40,7 +43,7 @@ def read_object(sdo: Any, index: int, sub: int, size: int) -> int:
 
 
 def read_optional(sdo: Any, index: int, sub: int, size: int) -> int | None:
-    """None where the node has no such object, or keeps it to itself."""
+    """Read an object; return None where the node lacks it or refuses to send it."""
     try:
         return read_object(sdo, index, sub, size)
     except ObjectRefused:
@@ -48,7 +51,7 @@ def read_optional(sdo: Any, index: int, sub: int, size: int) -> int | None:
 
 
 def write_object(sdo: Any, index: int, sub: int, size: int, value: int) -> None:
-    """Raises `ObjectRefused`, or canopen's error of silence."""
+    """Write an object. Raises `ObjectRefused`, or canopen's time-out error."""
     try:
         sdo.download(index, sub, value.to_bytes(size, "little"))
     except SdoAbortedError as error:

@@ -1,1 +1,1 @@
-"""What servos say: the packets of both makers, their registers, and no line."""
+"""The packets of both servo makers, and their registers; nothing of the line."""

@@ -1,8 +1,8 @@
 """Dynamixel's protocol 2.0, in pure functions.
 
 `FF FF FD 00 | id | length (2) | instruction | parameters | CRC (2)`, little-endian; length counts
-what follows it. Within instruction and parameters FF FF FD is stuffed to FF FF FD FD; length and
-CRC count the stuffed form. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
+the bytes that follow it. Within instruction and parameters FF FF FD is stuffed to FF FF FD FD;
+length and CRC count the stuffed form. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from fastcrc import crc16
 from armd.drivers.poll.protocol.packet import BROADCAST, Cut, Packet, ReadRequest, Splitter, Status
 
 HEADER = b"\xff\xff\xfd\x00"
-#: header, id, length, instruction and CRC: what every packet has besides its parameters
+#: size of header, id, length, instruction and CRC: every packet without its parameters
 OVERHEAD = 10
 _FAST_HEAD = 8  # bytes before the first servo's block of a fast status
 _LONGEST = 1024
@@ -23,8 +23,8 @@ PING, READ, WRITE, REG_WRITE, ACTION, REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x0
 STATUS = 0x55
 SYNC_READ, SYNC_WRITE, FAST_SYNC_READ, BULK_READ = 0x82, 0x83, 0x8A, 0x92
 
-ALERT = 0x80  # of a status's error byte: register 70 tells why; the data hold all the same
-#: bit of register 70 → what the servo complains of
+ALERT = 0x80  # bit of a status's error byte: register 70 has the reason; the data are valid
+#: bit of register 70 → the servo's fault
 HARDWARE_ERRORS = {
     0: "input voltage",
     2: "overheating",
@@ -34,13 +34,13 @@ HARDWARE_ERRORS = {
 }
 
 
-#: CRC-16 with polynomial 0x8005, from 0, neither reflected nor inverted; goes on from a second
+#: CRC-16 with polynomial 0x8005, from 0, neither reflected nor inverted; continues from a second
 #: argument.
 _crc = crc16.umts
 
 
 def make_packet(servo_id: int, instruction: int, params: bytes = b"") -> bytes:
-    """A whole packet, stuffed."""
+    """Make a complete packet, stuffed."""
     body = (bytes([instruction]) + params).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
     packet = HEADER + bytes([servo_id]) + (len(body) + 2).to_bytes(2, "little") + body
     return packet + _crc(packet).to_bytes(2, "little")
@@ -59,30 +59,32 @@ def make_write(servo_id: int, address: int, data: bytes) -> bytes:
 
 
 def make_sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
-    """Each of *ids* answers with a status of its own, in this order."""
+    """Make a request to which each of *ids* answers with its own status, in this order."""
     return make_packet(BROADCAST, SYNC_READ, _span(address, length) + bytes(ids))
 
 
 def make_fast_sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
-    """All of *ids* answer in one status; one that is missing ends it for those after it."""
+    """Make a request that all *ids* answer in one status; a missing one ends it."""
     return make_packet(BROADCAST, FAST_SYNC_READ, _span(address, length) + bytes(ids))
 
 
 def make_status(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """As a servo sends it."""
+    """Make a status as a servo sends it."""
     return make_packet(servo_id, STATUS, bytes([error]) + data)
 
 
 def compute_status_size(length: int) -> int:
-    """Bytes on the wire of a status with *length* bytes of data that need no stuffing."""
+    """Return the bytes on the wire of a status with *length* bytes of data without stuffing."""
     return OVERHEAD + 1 + length
 
 
 def make_fast_status_blocks(
     answers: Sequence[Status], carry: Callable[[int, bytes], bytes] = lambda _, block: block
 ) -> list[bytes]:
-    """The pieces of one fast status, as the servos send them one after the other; not stuffed.
-    *carry* (servo, its block) gives the block as the line carries it, to host and later servos."""
+    """Make the pieces of one fast status, as the servos send them in turn; not stuffed.
+
+    *carry* (servo, its block) gives the block as the line carries it, to host and later servos.
+    """
     length = 1 + sum(4 + len(answer.data) for answer in answers)
     head = HEADER + bytes([BROADCAST]) + length.to_bytes(2, "little") + bytes([STATUS])
     blocks, crc = [], 0
@@ -95,12 +97,12 @@ def make_fast_status_blocks(
 
 
 def compute_fast_status_size(n: int, length: int) -> int:
-    """Bytes on the wire of a fast status of *n* servos with *length* bytes of data each."""
+    """Return the bytes on the wire of a fast status of *n* servos with *length* bytes each."""
     return OVERHEAD - 2 + n * (4 + length)
 
 
 def is_fast_status(data: bytes, n: int, length: int) -> bool:
-    """Whether *data* are one whole fast status, of that size, with all servos' answers intact."""
+    """Return whether *data* are one complete fast status of that size with all answers intact."""
     return (
         len(data) == compute_fast_status_size(n, length)
         and data.startswith(HEADER)
@@ -111,8 +113,11 @@ def is_fast_status(data: bytes, n: int, length: int) -> bool:
 
 
 def _intact_blocks(raw: bytes, length: int) -> list[bool]:
-    """Of a fast status: which servos' checksums hold. Each is over all bytes from the packet's
-    header on, as its servo saw them; a servo passes over what the others' checksums say."""
+    """Return which servos' checksums in a fast status are correct.
+
+    Each checksum covers all bytes from the packet's header on, as its servo received them. A servo
+    includes the others' checksums without checking them.
+    """
     intact, crc, begin = [], 0, 0
     for end in range(_FAST_HEAD + 2 + length, len(raw), 4 + length):
         crc = _crc(raw[begin:end], crc)
@@ -122,7 +127,7 @@ def _intact_blocks(raw: bytes, length: int) -> list[bool]:
 
 
 def make_splitter() -> Splitter:
-    """Finds the packets of either side."""
+    """Make a splitter that finds the packets of both sides."""
     return Splitter(HEADER, _cut, range(OVERHEAD, _LONGEST))
 
 
@@ -145,8 +150,11 @@ def _cut(buffer: bytearray, begin: int, sizes: Container[int]) -> Packet | Cut:
 
 
 def decode_statuses(packet: Packet, length: int | None = None) -> list[Status]:
-    """A packet read as servos' answers. A fast status can only be taken apart by one who knows
-    the *length* of the data that were asked for; it lacks the servos whose own checksums fail."""
+    """Decode a packet as servos' answers.
+
+    A fast status can be split only if the *length* of the requested data is known; servos whose own
+    checksums are wrong are missing in the result.
+    """
     if packet.code != STATUS or not packet.params:
         return []
     if packet.id != BROADCAST:
@@ -163,7 +171,7 @@ def decode_statuses(packet: Packet, length: int | None = None) -> list[Status]:
 
 
 def decode_read_request(packet: Packet) -> ReadRequest | None:
-    """A packet read as the host's; None if it asks for no registers."""
+    """Decode a packet as the host's; None if it asks for no registers."""
     params = packet.params
     if len(params) < 4:
         return None

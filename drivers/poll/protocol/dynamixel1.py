@@ -1,7 +1,7 @@
-"""Dynamixel's protocol 1.0, in pure functions: the packets are those that Feetech took over.
+"""Dynamixel's protocol 1.0, in pure functions; Feetech's packets are the same.
 
-`FF FF | id | length | instruction or error | parameters | checksum`. There is no sync read; a bulk
-read is known to the MX series alone. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 1.0".
+`FF FF | id | length | instruction or error | parameters | checksum`. There is no sync read; only
+the MX series knows a bulk read. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 1.0".
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ __all__ = [
 
 SYNC_WRITE, BULK_READ = 0x83, 0x92
 
-#: bit of a status's error byte → what the servo complains of; its data hold all the same
+#: bit of a status's error byte → the servo's fault; its data are valid
 ERRORS = {0: "input voltage", 1: "angle limit", 2: "overheating", 5: "overload"}
-#: bits that refuse what was asked: range, checksum, instruction
+#: bits of a refused request: range, checksum, instruction
 REFUSALS = 1 << 3 | 1 << 4 | 1 << 6
 
 
 def make_bulk_read(parts: Sequence[tuple[int, int, int]]) -> bytes:
-    """Of (id, address, length), answered by a status each, in this order."""
+    """Make a read of (id, address, length), which each answers with a status, in this order."""
     triples = [bytes([length, servo, address]) for servo, address, length in parts]
     return make_packet(BROADCAST, BULK_READ, b"\0" + b"".join(triples))
 
 
 def decode_read_request(packet: Packet) -> ReadRequest | None:
-    """A packet read as the host's; None if it asks for no registers, or for several spans."""
+    """Decode a packet as the host's; None if it asks for no registers, or for several spans."""
     if packet.code == BULK_READ and len(packet.params) > 3 and len(packet.params) % 3 == 1:
         lengths, ids, addresses = (packet.params[k::3] for k in (1, 2, 3))
         if len(set(lengths)) == len(set(addresses)) == 1:

@@ -1,7 +1,7 @@
-"""The families of servos; and the youngest here: AX, DX, RX and MX servos of Dynamixel's protocol
-1.0, in counts of 4096 a turn.
+"""The families of servos, and one of them: AX, DX, RX and MX servos of Dynamixel's protocol 1.0.
 
-Registers as in the e-Manual's control tables of the AX-12A and the MX-28 (protocol 1.0).
+Counts are 4096 a turn. Registers are those of the e-Manual's control tables of the AX-12A and the
+MX-28 (protocol 1.0).
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ AX = {
 }  # fmt: skip
 #: 4096 counts a turn, 2048 in the middle
 MX = {360: "MX-12W", 29: "MX-28", 310: "MX-64", 320: "MX-106"}
-WHEEL_MODE, JOINT_MODE, MULTI_TURN_MODE = 1, 3, 4  # as later series number them
-#: counts of 4096 a turn in one of an AX
+WHEEL_MODE, JOINT_MODE, MULTI_TURN_MODE = 1, 3, 4  # numbers of later series
+#: counts of 4096 a turn in one count of an AX
 NUMERATOR, DENOMINATOR = 10, 3
 AX_MIDDLE, MIDDLE = 512, COUNTS_PER_TURN // 2
 
 
 class Dynamixel1(ShortPackets):
-    """Each servo is read alone: only the MX series has a bulk read, and a missing servo ends it."""
+    """Servos read one by one: only the MX series has a bulk read, and a missing servo ends it."""
 
     name = "dynamixel1"
     models = AX | MX
@@ -70,7 +70,7 @@ class Dynamixel1(ShortPackets):
 
     def identity(self, data: bytes) -> Servo:
         model = data[0] | data[1] << 8
-        is_mx = model in MX  # registers 10 and 20 to 22 mean something else, or nothing, to an AX
+        is_mx = model in MX  # an AX uses registers 10 and 20 to 22 otherwise, or not at all
         low, high = (data[offset] | data[offset + 1] << 8 for offset in (6, 8))
         is_turning = is_mx and low == high == COUNTS_PER_TURN - 1
         mode = MULTI_TURN_MODE if is_turning else WHEEL_MODE if low == high == 0 else JOINT_MODE

@@ -1,5 +1,4 @@
-"""What a servo says of itself, and what one kind differs in from the other, as the engine needs it:
-registers and codec."""
+"""The properties of a servo, and the differences of servo families: registers and codec."""
 
 from __future__ import annotations
 
@@ -11,29 +10,31 @@ from armd.drivers.poll.protocol import dynamixel, feetech
 from armd.drivers.poll.protocol.packet import Packet, ReadRequest, Splitter, Status
 
 COUNTS_PER_TURN = 4096
-SCS_SERIES = 5  # the first byte of its models' numbers: an SCS0009 says 5, 4
-#: A Dynamixel in this mode ignores a homing offset beyond so many counts (e-Manual, register 20).
+SCS_SERIES = 5  # the first byte of its model numbers: an SCS0009 sends 5, 4
+#: A Dynamixel in this mode ignores a homing offset beyond this many counts (e-Manual, register 20).
 POSITION_MODE, OFFSET_IN_POSITION_MODE = 3, 1024
 
 
 @dataclass(frozen=True, slots=True)
 class Servo:
-    """Read from the servo's registers at each connection."""
+    """The properties of a servo, read from its registers at each connection."""
 
     model: int
     firmware: str
-    homing_offset: int  # counts, as the register has it
-    reversed: bool  # it counts the other way round
-    mode: int  # of operation, as the register has it
+    homing_offset: int  # counts, as in the register
+    reversed: bool  # it counts in the opposite direction
+    mode: int  # operating mode, as in the register
     torque: bool  # on: it holds the joint
-    return_delay_us: int  # that it waits before it answers
+    return_delay_us: int  # its pause before an answer
     _: KW_ONLY
-    offset_in_force: bool = True  # false where its mode ignores so large a homing offset
-    divider: int = 1  # of its counts, where its mode divides them
+    offset_in_force: bool = True  # false where its mode ignores a homing offset of that size
+    divider: int = 1  # divisor of its counts, where its mode divides them
 
     @property
     def geometry(self) -> dict[str, Any]:
-        """What shifts or mirrors the joint's angle: with another value arm.toml no longer holds."""
+        """The properties that shift or mirror the joint's angle; arm.toml is valid only for these
+        values.
+        """
         return {
             "model": self.model,
             "homing_offset": self.homing_offset,
@@ -46,8 +47,10 @@ class Servo:
 
 
 def list_differences(servo: Servo, remembered: dict[str, Any], family: Family) -> list[str]:
-    """One phrase per difference, `homing offset (register 31): found 12, expected 0`; empty for the
-    same."""
+    """List the differences, each as `homing offset (register 31): found 12, expected 0`.
+
+    Empty if there are none.
+    """
     phrases = []
     for name, actual in servo.geometry.items():
         expected = remembered.get(name, actual)
@@ -63,28 +66,30 @@ def find_model_name(model: int, models: dict[int, str]) -> str:
 
 
 class Family(Protocol):
-    """Registers are addresses; positions of data within an answer count from its first byte."""
+    """A family of servos. Registers are addresses; positions in an answer count from its first
+    byte.
+    """
 
     name: str
     models: dict[int, str]
-    position: int  # where a cycle's read begins
-    position_bytes: int  # the least that holds the position
-    warm_bytes: int  # the least that holds position and temperature
-    identity_bytes: int  # from register 0 on, all that `identity` wants
-    #: Where a `Servo`'s fields stand, and its temperature; torque and return delay: 1 byte.
+    position: int  # the register at which a cycle's read begins
+    position_bytes: int  # the least length with the position
+    warm_bytes: int  # the least length with position and temperature
+    identity_bytes: int  # from register 0 on, all that `identity` needs
+    #: Addresses of a `Servo`'s fields and of its temperature; torque and return delay have 1 byte.
     registers: dict[str, int]
     id_register: int
-    return_delay_least_us: int  # what a servo needs to turn the line round, whatever its register
-    alarm: int | None  # 1 byte: why `alerts`; None where the error byte says it
+    return_delay_least_us: int  # the least pause of a servo, whatever its register
+    alarm: int | None  # register of the reason of `alerts`, 1 byte; None: the error byte has it
     has_fast: bool  # whether one packet may carry all answers
-    has_sync: bool  # whether one request asks all servos; else each is read alone
+    has_sync: bool  # whether one request reads all servos; else each is read alone
 
     def register(self, name: str) -> str:
-        """What `registers` names, in words, with its address."""
+        """Return the name of a register in words, with its address."""
         return f"{name.removesuffix('_us').replace('_', ' ')} (register {self.registers[name]})"
 
     def refusal(self, servo: Servo) -> str:
-        """Why such a servo cannot be read, what was found and what is expected; "" if it can."""
+        """Return why such a servo cannot be read, as found and expected; "" if it can."""
         ...
 
     def splitter(self) -> Splitter: ...
@@ -102,44 +107,48 @@ class Family(Protocol):
     def statuses(self, packet: Packet, length: int) -> list[Status]: ...
 
     def sizes(self, request: ReadRequest) -> range:
-        """Bytes that a packet of answers may have on the wire."""
+        """Return the permitted sizes of a packet of answers on the wire."""
         ...
 
     def answer_bytes(self, request: ReadRequest) -> int:
-        """What one servo puts on the wire."""
+        """Return the number of bytes that one servo sends."""
         ...
 
     def completes(self, data: bytes, request: ReadRequest, missing: Sequence[int]) -> bool:
-        """Whether *data* alone are the answers that are *missing*, as can be told at a glance."""
+        """Return whether *data* alone are the *missing* answers, by a quick check."""
         ...
 
     def position_of(self, data: bytes, model: int | None) -> int:
-        """In counts of 4096 a turn; *model* of the servo, None before it has told it."""
+        """Return counts of 4096 a turn; *model* of the servo, None before it is known."""
         ...
 
     def celsius_of(self, data: bytes) -> float:
-        """As the servo says it, believable or not: both makers' libraries read a byte without
-        sign."""
+        """Return the temperature in °C as the servo sends it, plausible or not.
+
+        Both makers' libraries read a byte without sign.
+        """
         ...
 
     def identity(self, data: bytes) -> Servo: ...
 
     def refuses(self, error: int) -> bool:
-        """Whether a status's error byte says that what was asked was not done: no data hold."""
+        """Return whether a status's error byte reports a refused request, without valid data."""
         ...
 
     def alerts(self, error: int) -> bool:
-        """Whether a status's error byte tells of trouble; its data hold all the same."""
+        """Return whether a status's error byte reports a fault; its data are valid."""
         ...
 
     def complaints(self, bits: int) -> str:
-        """The trouble in words, of the error byte or of register `alarm`."""
+        """Return the faults in words, from the error byte or from register `alarm`."""
         ...
 
 
 class ShortPackets(Family):
-    """Of Feetech's packets, which are those of Dynamixel's protocol 1.0: addresses of a byte, the
-    temperature in the eighth byte from the position on."""
+    """The packets of Feetech and of Dynamixel's protocol 1.0: addresses have one byte.
+
+    The temperature is the eighth byte from the position on.
+    """
 
     alarm: int | None = None
     has_fast = False
@@ -186,7 +195,7 @@ class Feetech(ShortPackets):
     has_sync = True
 
     def refusal(self, servo: Servo) -> str:
-        # Its two bytes the other way round, as that series keeps all its words.
+        # That series is big-endian, so the byte may be the high one.
         if servo.model & 0xFF == SCS_SERIES or servo.model >> 8 == SCS_SERIES:
             actual = f"{servo.model}, a servo of the SCS series (big-endian, no sync read)"
             return (
@@ -225,7 +234,7 @@ class Feetech(ShortPackets):
 
 
 class Dynamixel(Family):
-    """X series; registers as in its control table, the same for all models."""
+    """Servos of the X series; registers as in its control table, the same for all models."""
 
     name = "dynamixel"
     models = {
@@ -313,6 +322,6 @@ class Dynamixel(Family):
 
 
 def name_bits(bits: int, names: dict[int, str]) -> str:
-    """Names of the bits that stand, also of those nobody has named."""
+    """Return the names of the set bits; an unnamed bit is called by its number."""
     standing = [bit for bit in range(8) if bits >> bit & 1]
     return ", ".join(names.get(bit, f"bit {bit}") for bit in standing)

@@ -1,8 +1,8 @@
-"""Feetech's protocol as STS and SMS servos speak it (little-endian), in pure functions.
+"""Feetech's protocol for STS and SMS servos (little-endian), in pure functions.
 
-`FF FF | id | length | instruction or error | parameters | checksum`; length counts what follows
-it. There is no stuffing: FF FF occurs within packets. Sources: the maker's protocol manual and
-memory table of the STS3215; bit 15 of a position is its sign, the rest its magnitude.
+`FF FF | id | length | instruction or error | parameters | checksum`; length counts the bytes that
+follow it. There is no stuffing: FF FF occurs within packets. Sources: the maker's protocol manual
+and memory table of the STS3215; bit 15 of a position is its sign, the rest its magnitude.
 """
 
 from __future__ import annotations
@@ -12,29 +12,33 @@ from collections.abc import Container, Sequence
 from armd.drivers.poll.protocol.packet import BROADCAST, Cut, Packet, ReadRequest, Splitter, Status
 
 HEADER = b"\xff\xff"
-#: header, id, length, code and checksum: what every packet has besides its parameters
+#: size of header, id, length, code and checksum: every packet without its parameters
 OVERHEAD = 6
 
 PING, READ, WRITE, REG_WRITE, ACTION = 0x01, 0x02, 0x03, 0x04, 0x05
 SYNC_READ, SYNC_WRITE = 0x82, 0x83
 
-#: bit of a status's error byte → what the servo complains of; its data hold all the same
+#: bit of a status's error byte → the servo's fault; its data are valid
 ERRORS = {0: "voltage", 1: "encoder", 2: "temperature", 3: "current", 5: "overload"}
 
 
 def make_packet(servo_id: int, code: int, params: bytes = b"") -> bytes:
-    """A whole packet: an instruction to a servo, or its status with *code* the error byte."""
+    """Make a complete packet: an instruction to a servo, or a status with error byte *code*."""
     body = bytes([servo_id, len(params) + 2, code]) + params
     return HEADER + body + bytes([~sum(body) & 0xFF])
 
 
 def make_ping(servo_id: int) -> bytes:
-    """Beware of adapters that echo: the echo looks like a status with the error bit "voltage"."""
+    """Make a ping. Beware of adapters that echo: the echo looks like a status with a "voltage"
+    error.
+    """
     return make_packet(servo_id, PING)
 
 
 def make_read(servo_id: int, address: int, length: int) -> bytes:
-    """Beware of adapters that echo: of a read of 2 bytes the echo looks like the answer."""
+    """Make a read. Beware of adapters that echo: the echo of a read of 2 bytes looks like its
+    answer.
+    """
     return make_packet(servo_id, READ, bytes([address, length]))
 
 
@@ -43,22 +47,24 @@ def make_write(servo_id: int, address: int, data: bytes) -> bytes:
 
 
 def make_sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
-    """Each of *ids* answers with a status of its own, in this order."""
+    """Make a request to which each of *ids* answers with its own status, in this order."""
     return make_packet(BROADCAST, SYNC_READ, bytes([address, length, *ids]))
 
 
 def make_status(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """As a servo sends it."""
+    """Make a status as a servo sends it."""
     return make_packet(servo_id, error, data)
 
 
 def compute_status_size(length: int) -> int:
-    """Bytes on the wire of a status with *length* bytes of data."""
+    """Return the bytes on the wire of a status with *length* bytes of data."""
     return OVERHEAD + length
 
 
 def are_statuses(data: bytes, ids: Sequence[int], length: int) -> bool:
-    """Whether *data* are whole intact statuses of *ids*, with *length* bytes of data each."""
+    """Return whether *data* are complete intact statuses of *ids*, with *length* bytes of data
+    each.
+    """
     size = compute_status_size(length)
     if len(data) != size * len(ids):
         return False
@@ -72,7 +78,7 @@ def are_statuses(data: bytes, ids: Sequence[int], length: int) -> bool:
 
 
 def make_splitter() -> Splitter:
-    """Finds the packets of either side."""
+    """Make a splitter that finds the packets of both sides."""
     return Splitter(HEADER, _cut, range(OVERHEAD, OVERHEAD + 254))
 
 
@@ -92,12 +98,12 @@ def _cut(buffer: bytearray, begin: int, sizes: Container[int]) -> Packet | Cut:
 
 
 def decode_statuses(packet: Packet) -> list[Status]:
-    """A packet read as a servo's; an instruction's echo reads as a status too."""
+    """Decode a packet as a servo's status; an instruction's echo decodes as a status too."""
     return [] if packet.id == BROADCAST else [Status(packet.id, packet.code, packet.params)]
 
 
 def decode_read_request(packet: Packet) -> ReadRequest | None:
-    """A packet read as the host's; None if it asks for no registers."""
+    """Decode a packet as the host's; None if it asks for no registers."""
     params = packet.params
     if packet.code == READ and len(params) == 2:
         return ReadRequest((packet.id,), params[0], params[1], is_single=True)
@@ -107,6 +113,6 @@ def decode_read_request(packet: Packet) -> ReadRequest | None:
 
 
 def decode_signed(value: int, sign_bit: int) -> int:
-    """Sign and magnitude as Feetech keeps them, with the sign in *sign_bit*."""
+    """Decode Feetech's sign and magnitude, with the sign in *sign_bit*."""
     magnitude = value & ((1 << sign_bit) - 1)
     return -magnitude if value >> sign_bit & 1 else magnitude

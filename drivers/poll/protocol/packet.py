@@ -1,4 +1,4 @@
-"""What both servo protocols have in common: packets, and how they are found among other bytes."""
+"""The common part of both servo protocols: packets, and the search for them in a stream."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ class Packet(NamedTuple):
     id: int
     code: int  # the instruction; in a Feetech status its error byte, in a Dynamixel one STATUS
     params: bytes  # without stuffing
-    raw: bytes  # as it crossed the wire
+    raw: bytes  # the bytes on the wire
 
 
 class Status(NamedTuple):
-    """What one servo answered."""
+    """The answer of one servo."""
 
     id: int
     error: int
@@ -27,7 +27,7 @@ class Status(NamedTuple):
 
 
 class ReadRequest(NamedTuple):
-    """What the host asks for: *length* bytes from *address* on, of each of *ids* in this order."""
+    """A read of *length* bytes from *address* on, of each of *ids* in this order."""
 
     ids: tuple[int, ...]
     address: int
@@ -37,7 +37,7 @@ class ReadRequest(NamedTuple):
 
 
 class Cut(Enum):
-    """Why no packet begins at a header's place."""
+    """The reasons why no packet begins at a header."""
 
     INCOMPLETE = "more bytes are wanted"
     NO_HEADER = "these bytes only look like a header"
@@ -45,11 +45,11 @@ class Cut(Enum):
 
 
 class Splitter:
-    """Finds packets in a stream of bytes; feed it whatever came.
+    """Finds packets in a stream of bytes.
 
-    *cut* takes the bytes, a header's place and the sizes of packets that are believed. Nothing but
-    a whole packet whose checksum holds is taken out of the stream: what follows a damaged one is
-    found wherever it begins, also within what the damaged one claimed.
+    *cut* takes the bytes, the position of a header and the permitted packet sizes. Only complete
+    packets with a correct checksum are taken out of the stream. So a packet after a damaged one is
+    found wherever it begins, even within the length that the damaged one claimed.
     """
 
     def __init__(
@@ -61,18 +61,18 @@ class Splitter:
         self._header = header
         self._cut = cut
         self._buffer = bytearray()
-        #: bytes a whole packet may have; a header that claims another number is none
+        #: permitted sizes of a packet; a header that claims another size is none
         self.sizes = sizes
         self.junk = 0  # bytes that belonged to no packet
-        self.bad_sum = 0  # packets whose checksum did not hold
+        self.bad_sum = 0  # packets with a wrong checksum
 
     def push(self, data: bytes) -> list[Packet]:
-        """The packets that *data* completes, in order."""
+        """Take *data*; return the packets that it completes, in order."""
         self._buffer += data
         return self._scan(wait=True)
 
     def flush(self) -> list[Packet]:
-        """Nothing more comes: what hides behind headers that wait for more; then start afresh."""
+        """Return the packets behind incomplete headers, as no more bytes come; then start again."""
         packets = self._scan(wait=False) if self._buffer else []
         self.junk += len(self._buffer)
         self._buffer.clear()

@@ -1,1 +1,1 @@
-"""Who the servos of a line are, what each is for, and what keeps them from being believed."""
+"""The servos of a line: their identity, their use, and their faults."""

@@ -1,5 +1,7 @@
-"""Getting to know the servos of a connection: who they are, whether they are the arm's, and what
-the configuration wants written to them."""
+"""Identifies the servos of a connection, and writes their configured registers.
+
+It checks whether they are those of the arm.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,11 @@ from armd.drivers.poll.servos.memory import Memory
 from armd.errors import BadInput
 
 TRIES = 3  # identity requests before a servo counts as missing
-LOOK_EVERY_NS = 250_000_000  # whether somebody has said `armd accept`
+LOOK_EVERY_NS = 250_000_000  # how often to check for `armd accept`
 
 
 class Acquaintance:
-    """Of one line; `restart` with each connection."""
+    """The identification of servos on one line; call `restart` with each connection."""
 
     def __init__(
         self, config: ServoConfig, decoder: ServoDecoder, plan: RequestPlan, serial_number: str
@@ -35,22 +37,25 @@ class Acquaintance:
 
     def restart(self) -> None:
         self._tries = 0
-        self._unanswered = 0  # sync reads since a servo answered that was asked alone
-        #: geometries that the last verdict was about, by servo id
+        self._unanswered = 0  # sync reads since a servo answered a single read
+        #: the geometries of the last verdict, by servo id
         self._judged: dict[int, dict[str, Any]] | None = None
-        self._version = -1  # of the roster, when it was judged last
-        self._idle_version = -1  # of the roster, when there was nothing to write
+        self._version = -1  # version of the roster at the last verdict
+        self._idle_version = -1  # version of the roster when there was nothing to write
         self._remembered_ns = 0
         self._look_due_ns = 0
         self._adapter_asked = False
         self._written: set[tuple[int, int]] = set()  # servo and register
-        self._refused_writes: set[tuple[int, int]] = set()  # of these, those that were not kept
-        self._check: list[int] = []  # whose registers to read after a write
-        self._checked: set[int] = set()  # who has been asked since
-        self._refusals: list[bytes] = []  # notes on writes that were not kept
+        self._refused_writes: set[tuple[int, int]] = set()  # those of them that were not stored
+        self._check: list[int] = []  # servos to read after a write
+        self._checked: set[int] = set()  # servos asked since
+        self._refusals: list[bytes] = []  # notes on writes that were not stored
 
     def question(self, now_ns: int) -> ReadRequest | None:
-        """Before the first cycle: all that have not said who they are; later after a write."""
+        """Return the next request of identification, if there is one.
+
+        Before the first cycle it asks all servos not yet identified; later those that were written.
+        """
         roster = self._decoder.roster
         if self._check:
             servos = self._plan.select(self._check)
@@ -63,7 +68,7 @@ class Acquaintance:
         self._tries += 1
         if self._decoder.one_by_one.active:
             return self._plan.identity_alone(missing[self._tries % len(missing)])
-        # In turns: a servo that answers alone may have been switched on just now.
+        # Alternate with sync reads: a servo that answers alone may only now have been switched on.
         beyond = self._tries - (TRIES if roster.servos else 1)
         if beyond > 0 and beyond % 2:
             return self._plan.identity_alone(missing[beyond // 2 % len(missing)])
@@ -77,7 +82,7 @@ class Acquaintance:
 
     @property
     def idle(self) -> bool:
-        """Nobody has changed, and nothing is to be asked or written."""
+        """Whether no servo has changed, and nothing must be requested or written."""
         roster = self._decoder.roster
         return (
             roster.version == self._version == self._idle_version
@@ -87,7 +92,7 @@ class Acquaintance:
         )
 
     def notes(self, now_ns: int) -> Iterator[bytes]:
-        """What the decoder must be told before the next request."""
+        """Yield the notes that the decoder needs before the next request."""
         roster = self._decoder.roster
         yield from self._refusals
         self._refusals.clear()
@@ -114,10 +119,10 @@ class Acquaintance:
         yield from self._judge()
 
     def _patience(self, n_missing: int) -> float:
-        """Requests before *n_missing* servos count as missing."""
+        """Return after how many requests *n_missing* servos count as missing."""
         if self._decoder.one_by_one.active:
             return TRIES * len(self._decoder.everyone)
-        if self._decoder.roster.single_answers:  # it is not known yet whether they know sync reads
+        if self._decoder.roster.single_answers:  # not known yet whether they know sync reads
             return math.inf
         return TRIES + 2 * n_missing  # each is asked alone once
 
@@ -143,7 +148,7 @@ class Acquaintance:
         yield encode_note(note="verdict", changed=changed)
 
     def _adapter(self) -> Iterator[bytes]:
-        """The USB adapter's serial number, where the configuration names one."""
+        """Check the USB adapter's serial number, where the configuration has one."""
         expected = self._config.adapter_serial
         if expected is None:
             return
@@ -157,7 +162,10 @@ class Acquaintance:
             yield encode_note(note="foreign", text=text + f"expected {expected}")
 
     def write_due(self) -> bytes | None:
-        """What [driver] torque_off and return_delay_us want, once each; nothing else is written."""
+        """Return the next write for [driver] torque_off or return_delay_us, if one is due.
+
+        Each is written once; nothing else is written.
+        """
         family, roster = self._decoder.family, self._decoder.roster
         if self._judged is None or roster.version == self._idle_version:
             return None

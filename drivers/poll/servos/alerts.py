@@ -1,4 +1,4 @@
-"""What servos complain of: overload, heat, voltage. Their positions still hold."""
+"""Faults that servos report: overload, heat, voltage. Their positions are still valid."""
 
 from __future__ import annotations
 
@@ -10,19 +10,22 @@ from armd.drivers.sample import Event
 
 
 class Alert(NamedTuple):
-    bits: int  # all since it began
-    seen_ns: int  # last
+    bits: int  # all bits since it began
+    seen_ns: int  # when last seen
     words: str
 
 
 class Alerts:
-    """Of one line, by servo; one event as trouble begins or changes, one as it is over."""
+    """The alerts of one line, by servo; an event when one begins or changes, and when it ends."""
 
     def __init__(
         self, name: Callable[[int], str], words: Callable[[int], str], has_register: bool
     ) -> None:
-        """*name* of a servo, and *words* for the bits of its trouble; *has_register*: these are in
-        a register of their own, which is asked for when an answer raises an alert."""
+        """Take functions for the *name* of a servo, and for the *words* of its fault bits.
+
+        *has_register*: the bits are in their own register, which is read when an answer raises an
+        alert.
+        """
         self._name = name
         self._words = words
         self._has_register = has_register
@@ -30,12 +33,12 @@ class Alerts:
 
     @property
     def servos(self) -> list[int]:
-        """Those in trouble."""
+        """The servos with an alert."""
         return list(self._current)
 
     @property
     def reasons(self) -> list[str]:
-        """One phrase for each of these."""
+        """One phrase for each of these servos."""
         return [
             f"{self._name(servo)} complains: {alert.words}"
             for servo, alert in self._current.items()
@@ -48,7 +51,7 @@ class Alerts:
         self._current.clear()
 
     def update(self, servo: int, bits: int, now_ns: int) -> list[Event]:
-        """The trouble in the error byte of an answer; its end is reported 0.5 s later."""
+        """Take the error bits of an answer; the end of an alert is reported 0.5 s later."""
         before = self._current.get(servo)
         if bits:
             all_bits = bits | (before.bits if before else 0)
@@ -64,7 +67,7 @@ class Alerts:
         return [Event("servo_warning", text, now_ns, "info", {"servo": servo})]
 
     def explain(self, servo: int, bits: int, now_ns: int) -> list[Event]:
-        """That register of a servo in trouble."""
+        """Take the alarm register of a servo with an alert; return an event with its reason."""
         alert = self._current.get(servo)
         if alert is None or not bits or self._words(bits) == alert.words:
             return []

@@ -1,4 +1,4 @@
-"""A servo that is a button: pressed or not, and whether it is heard at all."""
+"""A servo that serves as a button: pressed or not, and whether it answers."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ MISSING_AFTER_NS = 500_000_000
 
 
 class Button:
-    """Of one line; without a trigger it is never pressed."""
+    """The button of one line; without a trigger it is never pressed."""
 
     def __init__(self, trigger: Trigger | None, name: str) -> None:
-        """*name* of the servo, for people."""
+        """Take the *trigger*, and the *name* of the servo for messages."""
         self._trigger = trigger
         self._name = name
         self._heard_ns: int | None = None
         self._missing = False
 
     def look(self, positions: Mapping[int, int], now_ns: int) -> tuple[bool | None, list[Event]]:
-        """Whether it is pressed by the *positions* of a cycle, by servo id, None if unheard; and
-        what a person is to be told."""
+        """Return whether it is pressed, None without an answer, and events.
+
+        *positions*: those of a cycle, by servo id.
+        """
         trigger = self._trigger
         if trigger is None:
             return None, []

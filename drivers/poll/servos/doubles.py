@@ -1,37 +1,37 @@
-"""Ids that two servos have: one request, two answers, and they differ."""
+"""Detects an id that two servos have: one request gets two answers that differ."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Container, Iterable
 
-#: So often within their patience they make two servos certain; before, a stray answer is as likely.
+#: Contradictions that prove two servos; fewer may be due to a stray answer.
 CERTAIN_AFTER = 3
-#: A servo is believed again once its answers have been unambiguous for so long: after a stray one,
-#: after a second servo, and where it is asked for its temperature alone, twice a second.
+#: A servo is believed again when its answers have been unambiguous for this long: after a stray
+#: answer, after a second servo, and if only its temperature is read, twice a second.
 STRAY_NS, CERTAIN_NS, AT_LEISURE_NS = 100_000_000, 500_000_000, 1_600_000_000
 
 
 class Doubles:
-    """Which servos contradict themselves. *often*: those that are asked in each cycle."""
+    """The servos that contradict themselves. *often*: those that are asked in each cycle."""
 
     def __init__(self, often: Container[int]) -> None:
         self._often = often
-        self._times: Counter[int] = Counter()  # since they were believed last
+        self._times: Counter[int] = Counter()  # contradictions since they were last believed
         self._last_ns: dict[int, int] = {}
 
     def __contains__(self, servo: object) -> bool:
-        """Whether nothing that *servo* says is to be believed."""
+        """Return whether the answers of *servo* must be ignored."""
         return servo in self._last_ns
 
     def contradicted(self, servo: int, now_ns: int) -> bool:
-        """There were two answers; whether that makes it certain, just now."""
+        """Record two different answers; return whether this one proves two servos."""
         self._times[servo] += 1
         self._last_ns[servo] = now_ns
         return self._times[servo] == CERTAIN_AFTER
 
     def heard(self, servo: int, now_ns: int) -> None:
-        """It has answered, once."""
+        """Record a single answer."""
         since_ns = self._last_ns.get(servo)
         if since_ns is not None and now_ns - since_ns > self._patience_ns(servo):
             self.forget(servo)
@@ -57,7 +57,7 @@ class Doubles:
         return [(servo, self._times[servo], at_ns) for servo, at_ns in self._last_ns.items()]
 
     def restore(self, state: Iterable[tuple[int, int, int]]) -> None:
-        """As `state` gave it, through JSON."""
+        """Restore *state*, after its way through JSON."""
         self.forget_all()
         for servo, times, at_ns in state:
             self._times[servo], self._last_ns[servo] = times, at_ns

@@ -1,8 +1,8 @@
-"""What is remembered of an arm's servos from one connection to the next, in the state folder.
+"""Stores the geometry of an arm's servos between connections, in the state folder.
 
-`servos-SERIAL.json` holds what was `accepted` and what was `found` last, by servo id. A servo that
-was never there before is accepted as it is, and so is what an older armd did not ask; later only
-`armd accept` changes that.
+`servos-SERIAL.json` holds the `accepted` values and the last `found` ones, by servo id. A servo
+that was never there before is accepted as it is. So is a property that an older armd did not read.
+Later, only `armd accept` changes that.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from armd.files.schema import Strict, load_json
 from armd.files.state_folder import find_state_folder
 from armd.files.writing import write_whole
 
-Geometries = dict[int, dict[str, Any]]  # by servo id, as `Servo.geometry` has them
+Geometries = dict[int, dict[str, Any]]  # by servo id, as `Servo.geometry`
 
 
 class _File(Strict):
@@ -30,7 +30,7 @@ class _File(Strict):
 
 
 class Memory:
-    """Of one arm; reads its file afresh at each call, so that others may change it."""
+    """The stored servos of one arm; it reads its file at each call, as others may change it."""
 
     def __init__(self, serial_number: str, family: Family) -> None:
         self._serial_number = serial_number
@@ -38,10 +38,10 @@ class Memory:
         self.path = find_state_folder() / f"servos-{quote(serial_number, safe=' ')}.json"
 
     def compare(self, servos: dict[int, Servo], accept: bool) -> dict[int, list[str]]:
-        """What differs from the accepted, by servo id, each difference as a phrase; what is found
-        is remembered, with *accept* as the new truth.
+        """Compare *servos* with the accepted ones; return the differences by servo id, as phrases.
 
-        Raises `BadInput` for a damaged file, `OSError` where nothing can be remembered.
+        The found values are stored, with *accept* also as the accepted ones. Raises `BadInput` for
+        a damaged file, `OSError` where nothing can be stored.
         """
         before = self._load()
         reported = {servo: identified.geometry for servo, identified in servos.items()}
@@ -59,7 +59,7 @@ class Memory:
         return {servo: phrases for servo, phrases in changed.items() if phrases}
 
     def accept(self) -> dict[int, list[str]]:
-        """What was found last is the truth from now on; returns what changes by that.
+        """Accept the values that were found last; return the changes.
 
         Raises `BadInput` if no connection has left anything to accept.
         """
@@ -81,7 +81,7 @@ class Memory:
         }
 
     def changed_ns(self) -> int:
-        """When the file was written last; 0: never."""
+        """Return when the file was last written; 0: never."""
         try:
             return self.path.stat().st_mtime_ns
         except OSError:

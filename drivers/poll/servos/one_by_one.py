@@ -1,4 +1,4 @@
-"""Whether the servos of a line are read one by one, as some answer no sync read."""
+"""Decides whether the servos of a line are read one by one, as some answer no sync read."""
 
 from __future__ import annotations
 
@@ -6,39 +6,39 @@ from collections.abc import Iterable
 
 from armd.drivers.sample import Event
 
-RATE_AFTER_NS = 1_000_000_000  # the rate is measured for so long before it is reported
+RATE_AFTER_NS = 1_000_000_000  # the rate is measured for this long before it is reported
 #: LeRobot's users met such servos (its issue 1010).
 WHY = "not the cable: their firmware is too old, or the adapter cannot; update the firmware"
 
 
 class OneByOne:
-    """Of one line; with an event, once, that tells the rate."""
+    """The reading one by one of a line's servos; one event reports the rate."""
 
     def __init__(self, always: bool = False) -> None:
-        """*always*: the protocol has no sync read, which is nothing to report."""
+        """Start; *always*: the protocol has no sync read, so nothing is reported."""
         self.active = self._always = always
-        self._servos: list[int] = []  # that answer no sync read
+        self._servos: list[int] = []  # servos that answer no sync read
         self._reported = False
         self._began_ns: int | None = None
         self._cycles = 0
 
     def begin(self, servos: Iterable[int]) -> None:
-        """These answered when asked alone, and no sync read."""
+        """Begin: *servos* answered a single read, and no sync read."""
         self.active = True
         self._servos = sorted(servos)
 
     def end(self) -> None:
-        """The connection is over."""
+        """End it with the connection."""
         self.active = self._always
         self._began_ns, self._cycles = None, 0
 
     def restore(self, active: bool) -> None:
-        """In the middle of a connection, when the event has been reported."""
+        """Continue in the middle of a connection, whose event has been reported."""
         self._reported = active
         self.active = active or self._always
 
     def events(self, now_ns: int) -> list[Event]:
-        """After a cycle that began at *now_ns*: the event, as soon as the rate is known."""
+        """Count a cycle that began at *now_ns*; return the event when the rate is known."""
         if self._always:
             return []
         if self._began_ns is None:

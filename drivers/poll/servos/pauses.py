@@ -1,4 +1,4 @@
-"""How long servos wait before they answer, as they told when they were identified."""
+"""The pauses of servos before they answer, from their registers."""
 
 from __future__ import annotations
 
@@ -9,18 +9,20 @@ from armd.drivers.poll.protocol.packet import ReadRequest
 
 
 class Pauses:
-    """The pauses before the answers to a request, worked out once for servos that stay known."""
+    """The pauses before the answers to a request, computed once while the servos stay the same."""
 
     def __init__(self, family: Family, servos: Mapping[int, Servo]) -> None:
-        """*servos*: those identified, as they come and go."""
+        """Take the family, and the identified *servos*, a mapping that changes."""
         self._least_us = family.return_delay_least_us
         self._servos = servos
-        self._pauses_ns: dict[tuple[int, ...], list[float]] = {}  # by the servos asked
-        self._version = -1  # of the servos that they are of
+        self._pauses_ns: dict[tuple[int, ...], list[float]] = {}  # by the requested servos
+        self._version = -1  # version of the servos that they belong to
 
     def before_ns(self, request: ReadRequest, version: int) -> list[float]:
-        """Before each answer to *request*, in the order in which these are asked for; *version*:
-        of the servos, another one whenever they are others."""
+        """Return the pause before each answer to *request*, in ns and in its order.
+
+        *version*: of the servos; it changes whenever they do.
+        """
         if request.fast:
             return [0.0] * len(request.ids)
         if self._version != version:

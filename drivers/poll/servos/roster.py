@@ -1,4 +1,4 @@
-"""Who the servos are, whether they answer, and what of it keeps a person from measuring."""
+"""The state of all servos: their identity, whether they answer, and their faults."""
 
 from __future__ import annotations
 
@@ -11,40 +11,43 @@ from armd.drivers.poll.servos.alerts import Alerts
 from armd.drivers.poll.servos.doubles import Doubles
 from armd.drivers.sample import Event
 
-#: A servo that was not heard for longer is absent: one that is asked in each cycle, and one that
-#: is asked for its temperature alone.
+#: A servo without an answer for longer is absent: one that is asked in each cycle, and one whose
+#: temperature alone is read.
 ABSENT_AFTER_NS, ABSENT_AT_LEISURE_NS = 500_000_000, 1_600_000_000
-#: A joint's servo that was not heard for longer may have started anew in between.
+#: A joint's servo without an answer for longer may have restarted meanwhile.
 ASK_AGAIN_AFTER_NS = 100_000_000
 SUSPECT_EVERY_NS = 50_000_000
 GIVEN_UP_AFTER = 3
 
 
 class Roster:
-    """Everything known of the servos of one line, by id."""
+    """The state of the servos of one line, by id."""
 
     def __init__(
         self, family: Family, ids: Sequence[int], often: Sequence[int], everyone: Sequence[int]
     ) -> None:
-        """*ids* of the joints; *often*: also the button, asked in each cycle; *everyone*: also
-        those that tell nothing but a temperature."""
+        """Take *ids* of the joints, and the larger groups.
+
+        *often*: also the button, asked in each cycle; *everyone*: also servos whose temperature
+        alone is read.
+        """
         self._family = family
         self._joint = {servo: k for k, servo in enumerate(ids, 1)}
         self._often = often
         self._everyone = everyone
         self.servos: dict[int, Servo] = {}  # identified since they were last absent
-        self.version = 0  # grows whenever `servos` becomes another
-        self.changed: dict[int, list[str]] = {}  # what their geometry differs in
+        self.version = 0  # grows whenever `servos` changes
+        self.changed: dict[int, list[str]] = {}  # differences of their geometry
         self.refused: dict[int, str] = {}  # why a servo cannot be read
-        self.foreign = ""  # why this is not our arm, if it is not
-        self.heard_ns: dict[int, int] = {}  # when each was heard last
-        #: who answered when asked alone, and no sync read, before it is known who they are
+        self.foreign = ""  # why this is a foreign arm; empty if it is not
+        self.heard_ns: dict[int, int] = {}  # when each last answered
+        #: servos that answered a single read, but no sync read, before they were identified
         self.single_answers: set[int] = set()
-        self.suspects: set[int] = set()  # to be asked at once whether they are still the same
-        self._suspected_ns: dict[int, int] = {}  # when they became so last
+        self.suspects: set[int] = set()  # servos to be identified again at once
+        self._suspected_ns: dict[int, int] = {}  # when each was last suspected
         self.wants_warmth = False  # a servo is back, and its temperature is not known
         self.doubles = Doubles(often)
-        self._misses: Counter[int] = Counter()  # cycles in a row
+        self._misses: Counter[int] = Counter()  # missed cycles in a row
         has_register = family.alarm is not None
         self.alerts = Alerts(self.name, family.complaints, has_register)
         self._announced: dict[int, Servo] = {}
@@ -55,13 +58,13 @@ class Roster:
         return f"servo {servo} (joint {joint})" if joint else f"servo {servo}"
 
     def model(self, servo: int) -> int | None:
-        """As it told last."""
+        """Return the model that the servo last reported."""
         announced = self._announced.get(servo)
         return None if announced is None else announced.model
 
     @property
     def unusable(self) -> int:
-        """Bits of joints whose servos are not known, or not those that the geometry is of."""
+        """Bits of joints whose servos are not identified, changed or refused."""
         if self.foreign:
             return (1 << len(self._joint)) - 1
         bits = 0
@@ -71,7 +74,7 @@ class Roster:
         return bits
 
     def forget(self) -> None:
-        """Another connection: whoever answers there must say anew who he is."""
+        """Forget all servos: in another connection each must be identified again."""
         self.servos.clear()
         self.single_answers.clear()
         self.version += 1
@@ -85,7 +88,7 @@ class Roster:
         self.foreign = ""
 
     def state(self) -> dict[str, Any]:
-        """What `restore` needs to go on from here in a replay, as JSON."""
+        """Return the state for `restore` in a replay, as JSON."""
         return {
             "heard": self.heard_ns,
             "servos": {servo: identified.as_json() for servo, identified in self.servos.items()},
@@ -94,7 +97,7 @@ class Roster:
         }
 
     def restore(self, state: dict[str, Any], now_ns: int) -> None:
-        """Go on from where `state` was taken."""
+        """Continue from *state*."""
         for servo, registers in state["servos"].items():
             self.identify(int(servo), Servo(**registers), now_ns)
         self.heard_ns = {int(servo): at_ns for servo, at_ns in state["heard"].items()}
@@ -104,7 +107,7 @@ class Roster:
     # --- who they are ----------------------------------------------------------------------
 
     def identify(self, servo: int, identified: Servo, now_ns: int) -> list[Event]:
-        """A servo has told its registers."""
+        """Record the registers of a servo; return events."""
         before = self._announced.get(servo)
         self.single_answers.discard(servo)
         self.wants_warmth |= servo not in self.servos
@@ -154,7 +157,7 @@ class Roster:
         return [Event("torque_off", text, now_ns, "info", detail)]
 
     def miss(self, servos: Sequence[int], port: str, now_ns: int) -> list[Event]:
-        """These did not say who they are when a connection began."""
+        """Return events of servos that were not identified when a connection began."""
         return [
             Event(
                 "servo_missing",
@@ -174,8 +177,10 @@ class Roster:
     def judge(
         self, changed: dict[int, list[str]], first: bool, arm: str, now_ns: int
     ) -> list[Event]:
-        """What was remembered of the servos of *arm*, compared with what they say: *changed*;
-        *first*: of this connection."""
+        """Record the servos whose geometry has *changed* since it was accepted; return events.
+
+        *first*: the first verdict of this connection; *arm*: the serial number.
+        """
         before = self.changed
         absent = {s: phrases for s, phrases in before.items() if s not in self.servos}
         self.changed = changed = absent | changed
@@ -204,7 +209,7 @@ class Roster:
         self.doubles.heard(servo, now_ns)
 
     def silent(self, servo: int, now_ns: int) -> None:
-        """No answer: after a while whoever comes back must say anew who he is."""
+        """Record a missing answer; after a while the servo must be identified again."""
         self._misses[servo] += 1
         absent = self._absent(servo, now_ns)
         quiet_ns = now_ns - self.heard_ns.get(servo, 0)
@@ -217,19 +222,21 @@ class Roster:
             self.doubles.forget(servo)
 
     def suspect(self, servo: int, now_ns: int) -> None:
-        """Its count jumped: another homing offset would look like that."""
+        """Record that its count jumped: another homing offset looks like that."""
         if now_ns - self._suspected_ns.get(servo, 0) > SUSPECT_EVERY_NS:
             self._suspected_ns[servo] = now_ns
             self.suspects.add(servo)
 
     def ask_anew(self, servo: int) -> None:
-        """It does not count until it has said who it is."""
+        """Ignore the servo until it has been identified again."""
         if self.servos.pop(servo, None) is not None:
             self.version += 1
 
     def contradicted(self, servos: Iterable[int], now_ns: int) -> list[Event]:
-        """Two answers to one request, and they differ: told if it goes on. Whoever remains must say
-        anew who he is."""
+        """Record servos with two answers that differ; return an event if it goes on.
+
+        Each must be identified again.
+        """
         events = []
         for servo in sorted(servos):
             self.ask_anew(servo)
@@ -243,7 +250,7 @@ class Roster:
         return f"id (register {self._family.id_register}): {actual}"
 
     def given_up(self, servo: int) -> bool:
-        """It has not answered for some cycles: nobody waits for it longer than its slot."""
+        """Return whether it has not answered for some cycles: then wait for its slot only."""
         return self._misses[servo] >= GIVEN_UP_AFTER
 
     def _absent(self, servo: int, now_ns: int) -> bool:
@@ -252,7 +259,7 @@ class Roster:
 
     @property
     def strangers(self) -> list[int]:
-        """Those that answer, with one voice, and have not said who they are."""
+        """The servos that answer without contradiction, and are not identified."""
         return [
             servo
             for servo in self.heard_ns
@@ -260,7 +267,7 @@ class Roster:
         ]
 
     def hindrance(self, now_ns: int) -> str:
-        """What keeps a person from measuring, in words; "" if nothing does."""
+        """Return why nobody can measure, in words; "" if there is no reason."""
         if self.foreign:
             return self.foreign
         for servo, why in self.refused.items():

@@ -1,4 +1,4 @@
-"""Servos that answer without having looked: all say 0 or 1, wherever their shafts are."""
+"""Detects servos that answer without measuring: all send 0 or 1, wherever their shafts are."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from armd.drivers.joint_watch import GOOD_FOR_NS
 from armd.drivers.poll.protocol.family import COUNTS_PER_TURN
 from armd.drivers.sample import Event
 
-#: No joint goes so far from one cycle to the next, but by a jump.
+#: A joint moves this far from one cycle to the next only by a jump.
 FAR_COUNTS = 64
 STUCK = (
     "every servo's position: found 0 or 1, expected where its shaft is: the servos are stuck;"
@@ -17,14 +17,14 @@ STUCK = (
 
 
 class StuckWatch:
-    """Of one line. An arm that is moved there joint by joint is not stuck."""
+    """Watches one line. An arm whose joints move to 0 one by one is not stuck."""
 
     def __init__(self) -> None:
-        self._stuck_ns: int | None = None  # when they were it last
+        self._stuck_ns: int | None = None  # when they were last stuck
         self.forget()
 
     def forget(self) -> None:
-        """Another connection."""
+        """Begin another connection."""
         self._before: Sequence[int | None] | None = None
         self._were_zero = self._stuck = False
 
@@ -33,7 +33,7 @@ class StuckWatch:
         return "" if self._stuck_ns is None else STUCK
 
     def look(self, positions: Sequence[int | None]) -> bool:
-        """Whether the joints of this cycle are stuck; None: no answer."""
+        """Return whether the joints of this cycle are stuck; a position is None if missing."""
         before, self._before = self._before, positions
         if not all(position in (0, 1) for position in positions):
             self._were_zero = self._stuck = False
@@ -43,7 +43,7 @@ class StuckWatch:
         return self._stuck
 
     def events(self, now_ns: int) -> list[Event]:
-        """What the last `look` gives rise to."""
+        """Return the events of the last `look`."""
         was_stuck = self._stuck_ns is not None
         if self._stuck:
             self._stuck_ns = now_ns

@@ -1,7 +1,7 @@
-"""The servos' own temperatures: read twice a second, told when they change.
+"""The servos' own temperatures: read twice a second, reported when they change.
 
-Of two servos with one id the second may answer after the first was taken for the only one: so what
-a cycle brings is believed at the next, unless it was contradicted meanwhile.
+If two servos have one id, the second may answer after the first was taken for the only one. So a
+temperature is used one cycle later, unless it was contradicted meanwhile.
 """
 
 from __future__ import annotations
@@ -14,29 +14,29 @@ import numpy as np
 
 from armd.drivers.sample import Event, Item, Temperatures
 
-FRESH_NS = 2_500_000_000  # a temperature that was not read for longer is none
+FRESH_NS = 2_500_000_000  # an older temperature counts as missing
 RESOLUTION_C = 1.0
-#: What is believed, °C: both makers let the limit at which a servo switches off lie between these.
-#: Beyond them a thermometer is broken, or colder than the byte can say.
+#: The plausible range, °C: both makers put the limit at which a servo switches off within it.
+#: Outside, a thermometer is broken, or colder than the byte can express.
 COLDEST_C, HOTTEST_C = 0.0, 100.0
-ABSURD_NS = 5_000_000_000  # a servo's absurd temperatures are told again after so long without one
+ABSURD_NS = 5_000_000_000  # implausible values are reported again after this time without one
 
 
 class Warmth:
-    """Sensor k is the own thermometer of servo ids[k-1]."""
+    """The sensors of a line; sensor k is the thermometer of servo ids[k-1]."""
 
     def __init__(self, ids: Sequence[int], name: Callable[[int], str], register: str) -> None:
-        """*name* of a servo, and of the *register* that says its temperature, in events."""
+        """Take the *name* of a servo, and of the *register* of its temperature, for events."""
         self._ids = ids
         self._name = name
         self._register = register
         self._reported_c: dict[int, float] = {}  # °C, in the cycle before
         self._read: dict[int, tuple[float, int]] = {}  # °C, when
-        self._absurd_ns: dict[int, int] = {}  # who said what is not believed, and when last
+        self._absurd_ns: dict[int, int] = {}  # servos with implausible values, and when last
         self._last_c: list[float] = []
 
     def hear(self, servo: int, celsius: float) -> None:
-        """What it said in this cycle."""
+        """Record the temperature of this cycle."""
         self._reported_c[servo] = celsius
 
     def reading(
@@ -46,9 +46,12 @@ class Warmth:
         now_ns: int,
         unix_minus_monotonic_ns: int,
     ) -> list[Item]:
-        """All sensors, after the next cycle has been heard and before it is told: NaN of those
-        that are *silent* in it, *doubtful*, not known or beyond belief, after an event for each
-        that has become so; nothing if that was told before."""
+        """Return all sensors, after an event for each that has become implausible.
+
+        It is called when the next cycle has been received. NaN stands for servos that are *silent*
+        in it, *doubtful*, not known or implausible. Nothing is returned if that was reported
+        before.
+        """
         again = bool(self._reported_c)
         if not self._ids or not (again or self._read):
             return []
@@ -88,7 +91,7 @@ class Warmth:
         return [Event("temperature_absurd", text, now_ns, "warning", {"servo": servo})]
 
     def state(self) -> dict[str, Any]:
-        """What `restore` needs to go on from here in a replay, as JSON."""
+        """Return the state for `restore` in a replay, as JSON."""
         return {
             "warmth": [(servo, celsius, at_ns) for servo, (celsius, at_ns) in self._read.items()],
             "unproven": list(self._reported_c.items()),
@@ -96,7 +99,7 @@ class Warmth:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from where `state` was taken."""
+        """Continue from *state*."""
         self._read = {servo: (celsius, at_ns) for servo, celsius, at_ns in state["warmth"]}
         self._reported_c = dict(state.get("unproven", ()))  # older recordings lack these
         self._absurd_ns = dict(state.get("absurd", ()))
@@ -107,7 +110,7 @@ def _believable(celsius: float) -> bool:
 
 
 def _same(a: list[float], b: list[float]) -> bool:
-    """As far as they are numbers, and where they are not."""
+    """Return whether two readings are equal, NaN counting as equal to NaN."""
     if len(a) != len(b):
         return False
     return all(x == y or (math.isnan(x) and math.isnan(y)) for x, y in zip(a, b, strict=True))

@@ -1,4 +1,4 @@
-"""An imperfection whose shape is not quite the textbook's."""
+"""An imperfection whose form is not quite the textbook's."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from armd.simulator.truth.effects.effect import Conditions, Effect, Posture, Sma
 class Distorted(Effect):
     """Another effect, stronger and weaker twice a turn of a joint: off by *share* in the RMS.
 
-    What acts through time or temperature alone (a mount, an expansion) keeps its shape.
+    Effects of time or temperature only (a mount, an expansion) keep their form.
     """
 
     effect: Effect

@@ -1,4 +1,4 @@
-"""Constants of the arm that drift: slowly, smoothly, and whatever any sensor says."""
+"""Constants of the arm that drift slowly and smoothly, without a trace in any sensor."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class DriftingZero(Effect):
 
 @dataclass(frozen=True)
 class DriftingLength(Effect):
-    """A carbon tube takes up humidity and grows, whatever the temperature."""
+    """A carbon tube takes up humidity and becomes longer, at any temperature."""
 
     link_number: int
     ppm: float
@@ -42,7 +42,7 @@ class DriftingLength(Effect):
 
 @dataclass(frozen=True)
 class DriftingTwist(Effect):
-    """A link twists about its long axis, or leans: resin that creeps under load."""
+    """A link twists about its long axis, or tilts: resin that creeps under load."""
 
     link_number: int
     turn_arcsec: tuple[float, float, float]
@@ -57,7 +57,7 @@ class DriftingTwist(Effect):
 
 @dataclass(frozen=True)
 class DriftingMount(Effect):
-    """The base leans and moves as its clamp settles or the table warms."""
+    """The base tilts and moves as its clamp settles or the table warms."""
 
     turn_arcsec: tuple[float, float, float]
     shift_um: tuple[float, float, float]

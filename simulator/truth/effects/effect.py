@@ -1,5 +1,8 @@
-"""What a physical imperfection of the arm sees (where the links are and what they weigh on each
-other, what surrounds each reading) and what it may do: every hook leaves things as they are."""
+"""The base of physical imperfections, and the data on which they act.
+
+The data are the links' positions, their weights, and the conditions of each reading. Every hook of
+the base class leaves the arm unchanged.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ GRAVITY = 9.81  # m/s²
 
 @dataclass(frozen=True)
 class Masses:
-    """What each link weighs and where, and a payload held at the tip."""
+    """The weights of the links and their centres, and a payload at the tip."""
 
     kg: F64  # (N,)
     centre_mm: F64  # (N, 3) in the link's outgoing frame
@@ -34,18 +37,18 @@ class Posture:
     masses: Masses
 
     def load(self, link: int) -> tuple[F64, F64]:
-        """Weight carried beyond the end of link *link*: force (n, 3) N, moment there (n, 3) Nm."""
+        """Return the load at the end of *link*: force (n, 3) N, moment there (n, 3) Nm."""
         return self._weight(link + 1, self.origin[link])
 
     def torque(self, joint: int) -> F64:
-        """Gravity torque (n,) Nm about the axis of *joint*, of everything after it."""
+        """Return the gravity torque (n,) Nm about the axis of *joint*, of everything after it."""
         _, moment = self._weight(joint, self.origin[joint - 1])
         axis = self.rotation[joint - 1][:, :, 2]
         torque: F64 = np.einsum("ni,ni->n", moment, axis)
         return torque
 
     def _weight(self, first: int, about: F64) -> tuple[F64, F64]:
-        """Force and moment about the points *about* of links first…N and the payload."""
+        """Return force and moment about the points *about* of links first…N and the payload."""
         force, moment = np.zeros_like(about), np.zeros_like(about)
         down = np.array([0.0, 0.0, -GRAVITY])
         for link in range(first, len(self.masses.kg) + 1):
@@ -71,7 +74,10 @@ class Conditions:
     def at_rest(
         cls, n: int, n_joints: int, link_c: float | F64 = 20.0, ambient_c: float = 20.0
     ) -> Conditions:
-        """n readings at rest at time 0, approached from above; *link_c* broadcasts to (n, N)."""
+        """Make n readings at rest at time 0, approached from above.
+
+        *link_c* broadcasts to (n, N).
+        """
         return cls(
             link_c=np.broadcast_to(np.asarray(link_c, float), (n, n_joints)).copy(),
             rate=np.zeros((n, n_joints)),
@@ -89,7 +95,7 @@ class SmallMotion(NamedTuple):
 
     @classmethod
     def about_own_axis(cls, angle_rad: F64) -> SmallMotion:
-        """A joint turned on by angles (n,): about z, its axis."""
+        """Return a turn of a joint by angles (n,) about z, its axis."""
         turn = np.zeros((len(angle_rad), 3))
         turn[:, 2] = angle_rad
         return cls(turn, np.zeros_like(turn))
@@ -98,29 +104,29 @@ class SmallMotion(NamedTuple):
 class Effect:
     """One physical imperfection of the arm.
 
-    A subclass overrides the hooks its physics act through. Joints and links count from 1.
+    A subclass overrides the hooks through which it acts. Joints and links count from 1.
     """
 
     def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
-        """What the encoder of *joint* adds to the true angles phi (n, N): (n,) rad."""
+        """Return the error (n,) rad of the encoder of *joint* at true angles phi (n, N)."""
         return None
 
     def base(self, conditions: Conditions) -> SmallMotion | None:
-        """Motion of the mount, in the base frame."""
+        """Return the motion of the mount, in the base frame."""
         return None
 
     def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
-        """Motion of the axis of *joint*, in the frame it stands in (before it turns)."""
+        """Return the motion of the axis of *joint*, in its frame before it turns."""
         return None
 
     def link(self, link: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
-        """Deformation at the end of *link*, in the frame that turns with its joint."""
+        """Return the deformation at the end of *link*, in the frame that turns with its joint."""
         return None
 
     def strain(self, link: int, conditions: Conditions) -> F64 | None:
-        """Relative change (n,) of the lengths of *link*, beyond its linear expansion."""
+        """Return the relative change (n,) of the lengths of *link*, beyond its linear expansion."""
         return None
 
     def tip(self, posture: Posture, conditions: Conditions) -> F64 | None:
-        """Displacement (n, 3) mm of the tip's centre, in the base frame."""
+        """Return the displacement (n, 3) mm of the tip's centre, in the base frame."""
         return None

@@ -1,4 +1,4 @@
-"""Imperfections that no catalogue of causes has."""
+"""Imperfections that are in no catalogue of causes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class CablePull(Effect):
 
 @dataclass(frozen=True)
 class CoupledHysteresis(Effect):
-    """Friction winds a joint up; how far depends on where another one stands."""
+    """Friction winds a joint up by an amount that depends on the angle of another one."""
 
     joint: int
     other_joint: int
@@ -60,7 +60,7 @@ class DrivenByRate(Effect):
 
 @dataclass(frozen=True)
 class LettingGo(Effect):
-    """Static friction winds a joint up; the faster it turns, the less of it is left."""
+    """Static friction winds a joint up; it decreases with the rate."""
 
     joint: int
     arcsec: float
@@ -76,7 +76,7 @@ class LettingGo(Effect):
 
 @dataclass(frozen=True)
 class CreepingPlay(Effect):
-    """Play that wears wider hour by hour from the first reading on."""
+    """Play that becomes wider by wear from the first reading on."""
 
     joint: int
     arcsec_per_h: float
@@ -92,8 +92,11 @@ class CreepingPlay(Effect):
 
 @dataclass(frozen=True)
 class Bristles(Effect):
-    """Friction with memory (Dahl): a joint is wound up towards the side it comes from, and only
-    within an angle of its own; the last stretch is so far as it turns in a second."""
+    """Friction with memory (Dahl): a joint is wound up towards the side from which it comes.
+
+    The winding changes within an angle of its own. The last stretch before a reading is the turn in
+    one second.
+    """
 
     joint: int
     arcsec: float
@@ -113,8 +116,10 @@ class Bristles(Effect):
 
 @dataclass(frozen=True)
 class WideHysteresis(Effect):
-    """A joint that follows its drive through springs which slip one after the other (Iwan): the
-    way since it turned back winds it up, less and less, as far as an angle and no further."""
+    """A joint that follows its drive through springs which slip one after the other (Iwan).
+
+    The way since the last reversal winds it up less and less, to a limit.
+    """
 
     joint: int
     arcsec: float  # when it slips
@@ -139,8 +144,10 @@ def _wound(
     state: F64,
     stretched: Callable[[F64, float], F64],
 ) -> F64:
-    """How far springs (s,) are wound up in the mean at each reading (n,), by the way from the one
-    before; the last stretch is so far as the joint turns in a second."""
+    """Return the mean winding of springs (s,) at each reading (n,).
+
+    It follows the way from the reading before; the last stretch is the turn in one second.
+    """
     phi, rate = posture.phi[:, joint - 1], conditions.rate[:, joint - 1]
     wound = np.zeros(len(phi))
     for i in range(len(phi)):
@@ -152,7 +159,7 @@ def _wound(
 
 @dataclass(frozen=True)
 class TwoWheels(Effect):
-    """A gear that both joints turn: the angle of one errs with whole numbers of both."""
+    """A gear between two joints: the error has whole numbers of waves a turn of both."""
 
     joint: int
     other_joint: int

@@ -1,1 +1,1 @@
-"""What an encoder counts beside the angle."""
+"""Errors of encoders."""

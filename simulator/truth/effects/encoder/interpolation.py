@@ -23,7 +23,7 @@ class Interpolation(Effect):
     def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
-        # An offset of 1 in signals of amplitude 1 errs by one radian of a period.
+        # An offset of 1 in signals of amplitude 1 is an error of one radian of a period.
         offset = self.amplitude_arcsec * ARC_SECOND * self.periods
         phase_rad = self.periods * phi[:, joint - 1] + self.phase
         reading = np.arctan2(np.sin(phase_rad), np.cos(phase_rad) + offset)

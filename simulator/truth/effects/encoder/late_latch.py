@@ -1,4 +1,4 @@
-"""A joint whose encoder is latched late: it shows where the joint is a moment after."""
+"""A joint whose encoder is latched late: it shows a slightly later angle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An encoder that loses its index at an instant and counts on from elsewhere."""
+"""An encoder that loses its index at an instant and continues from another count."""
 
 from __future__ import annotations
 

@@ -13,11 +13,11 @@ from armd.simulator.truth.rotations import ARC_SECOND
 
 @dataclass(frozen=True)
 class OvalDisc(Effect):
-    """Lines of a disc squeezed along one direction stand where an ellipse puts them."""
+    """A disc squeezed along one direction, so that its lines follow an ellipse."""
 
     joint: int
-    amplitude_arcsec: float  # of the angle error, which goes round twice a turn
-    direction: float  # of the long axis, rad
+    amplitude_arcsec: float  # of the angle error, which has two periods a turn
+    direction: float  # direction of the long axis, rad
 
     def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:

@@ -1,4 +1,4 @@
-"""An encoder that drops to a coarser track over every other part of the turn."""
+"""An encoder that uses a coarser track over every other part of the turn."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from armd.simulator.truth.rotations import ARC_SECOND
 
 @dataclass(frozen=True)
 class TrackCurve(Effect):
-    """A few dents of the track, each a bell over a part of the turn."""
+    """A few errors of the track, each a bell curve over a part of the turn."""
 
     joint: int
     height_arcsec: tuple[float, ...]

@@ -1,1 +1,1 @@
-"""Joints, links and styluses that are not where they should be, or give way."""
+"""Joints, links and styluses that are displaced, or bend."""

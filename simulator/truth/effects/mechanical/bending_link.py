@@ -1,4 +1,4 @@
-"""A link as a beam, clamped at its joint, loaded by its own weight and by what it carries."""
+"""A link as a beam, clamped at its joint, loaded by its own weight and by its load."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from armd.simulator.truth.effects.effect import GRAVITY, Conditions, Effect, Pos
 
 @dataclass(frozen=True)
 class BendingLink(Effect):
-    """`flexibility` is L/EI: how far the end turns per Nm of moment there, rad/Nm."""
+    """A bending link; `flexibility` is L/EI: its end's turn per Nm of moment there, rad/Nm."""
 
     link_number: int
     flexibility: float
@@ -39,7 +39,7 @@ class BendingLink(Effect):
 
 
 def _across(vector: F64, along: F64) -> F64:
-    """The part of *vector* (n, 3) across the unit vectors *along*."""
+    """Return the part of *vector* (n, 3) across the unit vectors *along*."""
     across: F64 = vector - np.sum(vector * along, axis=1, keepdims=True) * along
     return across
 

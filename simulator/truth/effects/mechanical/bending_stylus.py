@@ -1,4 +1,4 @@
-"""A stylus pressed against the target: it bends across, and flattens where it touches."""
+"""A stylus pressed against the target: it bends across, and flattens at the contact."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from armd.arrays import F64
 from armd.simulator.truth.effects.effect import Conditions, Effect, Posture
 
-#: Share of the deflection that is the contact's flattening, the same in every direction.
+#: Share of the contact's flattening in the deflection, the same in every direction.
 FLATTENING = 0.25
 
 
 @dataclass(frozen=True)
 class BendingStylus(Effect):
-    """`deflection_um`: how far the tip stays behind when pushed across the stylus."""
+    """A bending stylus; `deflection_um` is that of a push across the stylus."""
 
     deflection_um: float
 

@@ -1,4 +1,4 @@
-"""A joint knocked in transport: its link is no longer where the calibration found it."""
+"""A joint knocked in transport: its link is no longer where it was at the calibration."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from armd.simulator.truth.effects.effect import Conditions, Effect, Posture, Sma
 
 @dataclass(frozen=True)
 class KnockedJoint(Effect):
-    """The link slipped on its joint's hub (turn about z) and is bent or shifted at its end, once
-    and for all, in the frame that turns with its joint."""
+    """A link that slipped on its joint's hub (turn about z), and is bent or shifted at its end.
+
+    It is permanent, in the frame that turns with its joint.
+    """
 
     joint: int
     turn_rad: tuple[float, float, float]

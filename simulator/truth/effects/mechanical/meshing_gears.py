@@ -1,4 +1,4 @@
-"""Gears between two joints: as one turns, its teeth push the other off its angle."""
+"""Gears between two joints: as one turns, its teeth disturb the other's angle."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ from armd.arrays import F64
 from armd.simulator.truth.effects.effect import Conditions, Effect
 from armd.simulator.truth.rotations import ARC_SECOND
 
-#: Tooth flanks meet and part unevenly: the second harmonic of the error, as a share of the first.
+#: The second harmonic of the error, from uneven tooth contact, as a share of the first.
 FLANKS = 0.2
 
 
 @dataclass(frozen=True)
 class MeshingGears(Effect):
-    """The encoder of `joint` counts what a wheel on `other` with a run-out of so many waves a turn
-    drives through the mesh; `ratio`: how much of the joint's own turn counts too (a differential).
+    """The error of a wheel on the other joint, whose run-out drives the encoder of `joint`.
+
+    The run-out has `waves` a turn of `other_joint`. `ratio`: the share of the joint's own turn (a
+    differential).
     """
 
     joint: int

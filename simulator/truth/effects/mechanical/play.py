@@ -1,4 +1,6 @@
-"""Play between a joint's shaft and its link: friction keeps the link on the side it came from."""
+"""Play between a joint's shaft and its link: friction keeps the link on the side from which it
+came.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +23,6 @@ class Play(Effect):
     def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         if joint != self.joint:
             return None
-        # The shaft turns first, the link hangs behind: it stands short of the encoder's angle.
+        # The shaft turns first and the link follows, so it is short of the encoder's angle.
         side = np.tanh(conditions.rate[:, joint - 1] / CREEP_RAD_S)
         return SmallMotion.about_own_axis(-self.half_width_arcsec * ARC_SECOND * side)

@@ -1,4 +1,4 @@
-"""A long stylus that hangs by its own weight."""
+"""A long stylus that sags by its own weight."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from armd.simulator.truth.effects.effect import Conditions, Effect, Posture
 
 @dataclass(frozen=True)
 class SaggingStylus(Effect):
-    """`sag_um`: how far its tip hangs when it is level (a cantilever's w·L⁴/8EI); of the weight
-    only what is across it bends it."""
+    """A sagging stylus; `sag_um` is the sag of its tip when level (a cantilever's w·L⁴/8EI).
+
+    Only the part of the weight across it bends it.
+    """
 
     sag_um: float
 

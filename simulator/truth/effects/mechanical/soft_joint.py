@@ -1,4 +1,4 @@
-"""A joint that gives under the weight of what it carries, beyond its encoder."""
+"""A joint that yields to its load's weight, beyond its encoder."""
 
 from __future__ import annotations
 

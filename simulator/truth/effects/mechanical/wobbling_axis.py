@@ -12,8 +12,10 @@ from armd.simulator.truth.rotations import ARC_SECOND
 
 @dataclass(frozen=True)
 class WobblingAxis(Effect):
-    """Once a turn: the outer race is skew and the axis rocks about one line fixed in the housing.
-    Twice a turn: the inner race is oval and the axis circles a cone, two turns for one.
+    """An axis that wobbles once or twice a turn.
+
+    Once: the outer race is skew and the axis rocks about one line fixed in the housing. Twice: the
+    inner race is oval and the axis circles a cone, two turns for one.
     """
 
     joint: int

@@ -1,1 +1,1 @@
-"""What happens to the arm while it is used: its mount, its tip."""
+"""Changes of the arm in use: its mount, its tip."""

@@ -1,4 +1,4 @@
-"""A mount that creeps, or gives way at an instant."""
+"""A mount that creeps, or moves at one instant."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HOUR_S = 3600.0
 
 @dataclass(frozen=True)
 class MovingMount(Effect):
-    """`turn_arcsec` and `shift_um` are per hour for a creep, and at once for a step."""
+    """A moving mount; `turn_arcsec` and `shift_um` are per hour for a creep, total for a step."""
 
     turn_arcsec: tuple[float, float, float]
     shift_um: tuple[float, float, float]

@@ -1,4 +1,4 @@
-"""A stylus taken off and put back: its tip sits elsewhere in the last frame from then on."""
+"""A stylus that was removed and refitted: its tip is displaced in the last frame from then on."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What warmth does to links, discs and housings."""
+"""Effects of temperature on links, discs and housings."""

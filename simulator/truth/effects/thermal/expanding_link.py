@@ -1,4 +1,4 @@
-"""A link of another material than believed: its lengths follow its temperature differently."""
+"""A link of another material than assumed: its lengths follow its temperature differently."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from armd.simulator.truth.nominal import REFERENCE_C
 
 @dataclass(frozen=True)
 class ExpandingLink(Effect):
-    """Extra expansion `per_k`, growing by `per_k2` each kelvin: the strain is their integral."""
+    """Extra logarithmic strain `per_k`·ΔT + `per_k2`·ΔT² of a link's lengths."""
 
     link_number: int
     per_k: float

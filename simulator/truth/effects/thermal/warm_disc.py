@@ -1,4 +1,4 @@
-"""An encoder's disc whose glue creeps with temperature: off centre, the more the warmer."""
+"""An encoder's disc whose glue creeps with temperature, so that its eccentricity grows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from armd.simulator.truth.nominal import GRATING_RADIUS_MM, REFERENCE_C
 
 @dataclass(frozen=True)
 class WarmDisc(Effect):
-    """The disc's centre moves off the axis along one direction by so much a kelvin."""
+    """A disc whose centre moves off the axis in one direction, by `um_per_k` a kelvin."""
 
     joint: int
     um_per_k: float

@@ -1,4 +1,4 @@
-"""A joint that its own friction warms, beside its sensor: the more it is turned, the warmer."""
+"""A joint that its own friction warms by motion, which its sensor does not show."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from armd.simulator.truth.rotations import ARC_SECOND
 
 @dataclass(frozen=True)
 class WarmFromWork(Effect):
-    """The bearing takes up heat in proportion to |rate| and gives it off with a time constant;
-    its zero turns, or its link grows, with the heat. Rested before each session.
+    """Friction heat: its zero turns, or its link grows, with the heat of its bearing.
 
-    Sizes are what one radian a second comes to in the end. Until a reading the joint turned at that
-    reading's rate since the one before.
+    The bearing takes up heat in proportion to |rate| and loses it with a time constant. It is cold
+    at the beginning of each session. Sizes are the final values at one radian a second. Between two
+    readings the joint turns at the rate of the later one.
     """
 
     joint: int
@@ -36,7 +36,7 @@ class WarmFromWork(Effect):
         return 1e-6 * self.ppm * self._heat(conditions)
 
     def _heat(self, conditions: Conditions) -> F64:
-        """In rad/s: the steady rate that would keep it so warm, (n,)."""
+        """Return the heat (n,) as the steady rate in rad/s that would sustain it."""
         work = np.abs(conditions.rate[:, self.joint - 1])
         heat = np.zeros(len(work))
         for i in range(1, len(work)):
@@ -49,10 +49,10 @@ class WarmFromWork(Effect):
 
 @dataclass(frozen=True)
 class WarmNeighbour(Effect):
-    """The work of one joint warms another one's link: it lengthens, on its own time scale."""
+    """A joint whose motion warms another joint's link: it lengthens, with a time constant."""
 
     joint: int
-    other_link: int  # of the link
+    other_link: int  # number of the link
     ppm: float
     time_constant_s: float
 

@@ -1,4 +1,4 @@
-"""A joint's housing that turns its encoder's head, or leans, as it warms."""
+"""A joint's housing that turns its encoder's head, or tilts, as it warms."""
 
 from __future__ import annotations
 
