@@ -197,8 +197,8 @@ def _um(value: float) -> str:
 def read_calibration(path: PathText) -> Calibration:
     """Read and check a calibration file.
 
-    Functions that take a calibration and an arm check whether they belong together. Raises
-    `armd.BadInput` for a malformed file, or content that does not match its hash.
+    Functions that take a calibration and an arm check whether they belong together.
+    Raises `armd.BadInput` for a malformed file, or content that does not match its hash.
 
     >>> calibration = armd.read_calibration("calibration.json")
     >>> calibration.parameters["name"][0]
