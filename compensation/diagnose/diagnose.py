@@ -52,12 +52,12 @@ from armd.compensation.diagnose.heldout.validation import (
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.rests import collect_rests, require_spare
-from armd.compensation.diagnose.search.moved_artefact import find_moved_artefact
-from armd.compensation.diagnose.search.repeated_search import (
+from armd.compensation.diagnose.search.compare_searches import (
     has_clearly_lower_noise,
     is_likely_beside,
     may_replace,
 )
+from armd.compensation.diagnose.search.moved_artefact import find_moved_artefact
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.search_outcome import (
@@ -237,7 +237,7 @@ def _is_explained(
         if touched is None:
             break
         parted = touched.sessions
-    fitted = search.explain(MOST_EXPLAINING)
+    fitted = search.fit_forward(MOST_EXPLAINING)
     if has_clearly_lower_noise(without.result.searched, fitted):
         return False
     number = next(k for k, session in enumerate(parted) if session.path == inconsistent.path)

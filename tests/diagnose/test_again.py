@@ -15,8 +15,8 @@ from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.search import repeated_search as module
-from armd.compensation.diagnose.search.repeated_search import (
+from armd.compensation.diagnose.search import compare_searches as module
+from armd.compensation.diagnose.search.compare_searches import (
     has_clearly_lower_noise,
     has_fewer_findings,
     is_likely_beside,

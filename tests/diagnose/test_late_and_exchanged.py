@@ -23,7 +23,7 @@ from armd.compensation.diagnose.problem.signatures import compile_candidates, ma
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey, score_candidates
 from armd.compensation.diagnose.scoring.evidence import Scores, score
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
-from armd.compensation.diagnose.search.revisit import Revisit
+from armd.compensation.diagnose.search.find_rival_sets import RivalSetSearch
 from armd.compensation.diagnose.search.set_posterior import weigh_set
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate
@@ -190,7 +190,7 @@ def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
         signatures = add_acting(plain, last, own.facts, (), ARM)
         parted = PartedSurvey.from_fit(set_findings(last, [], ARM), signatures, ARM)
         through = partial(list_acting_through, facts=own.facts, refused=())
-        Revisit(
+        RivalSetSearch(
             parted.with_findings(last), parted, ARM, 100, choose, weigh_set, through
         ).find_rival_sets()
     for causes in ((), ("geometry_shift",)):

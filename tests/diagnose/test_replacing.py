@@ -7,7 +7,7 @@ import math
 import pytest
 
 from armd.compensation.diagnose.constants import BEYOND_CHANCE, CONTRADICTED
-from armd.compensation.diagnose.search.replacing import require_heldout
+from armd.compensation.diagnose.search.replacing import compute_heldout_margin
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.slow_factors import After
@@ -30,14 +30,14 @@ CLEARLY = math.log(10.0)
 def test_a_likelier_set_counts_unless_it_is_contradicted(
     findings: list[Candidate], instead_of: list[Candidate]
 ) -> None:
-    assert require_heldout(findings, instead_of, CLEARLY + 0.1) == -CONTRADICTED
-    assert require_heldout(findings, instead_of, CLEARLY - 0.1) is None
+    assert compute_heldout_margin(findings, instead_of, CLEARLY + 0.1) == -CONTRADICTED
+    assert compute_heldout_margin(findings, instead_of, CLEARLY - 0.1) is None
 
 
 def test_causes_that_say_why_take_the_place_of_a_value_for_each_session() -> None:
     """Evidence within ten nats decides nothing there: readings held out do."""
     causes = [SLIP, candidate("thermal", 2)]
-    assert require_heldout(causes, [BY_SESSION], CLEARLY + 0.1) == -CONTRADICTED
-    assert require_heldout(causes, [BY_SESSION], -9.0) == BEYOND_CHANCE > 0.0
-    assert require_heldout(causes, [BY_SESSION], -11.0) is None
-    assert require_heldout([BY_SESSION], [SLIP], -9.0) is None
+    assert compute_heldout_margin(causes, [BY_SESSION], CLEARLY + 0.1) == -CONTRADICTED
+    assert compute_heldout_margin(causes, [BY_SESSION], -9.0) == BEYOND_CHANCE > 0.0
+    assert compute_heldout_margin(causes, [BY_SESSION], -11.0) is None
+    assert compute_heldout_margin([BY_SESSION], [SLIP], -9.0) is None

@@ -17,7 +17,7 @@ from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import collect_rests
-from armd.compensation.diagnose.search.repeated_search import (
+from armd.compensation.diagnose.search.compare_searches import (
     has_fewer_findings,
     has_lost_cause,
     may_replace,

@@ -11,8 +11,8 @@ from armd.compensation.diagnose.constants import ENOUGH
 from armd.compensation.diagnose.diagnosis import Explained, Finding
 from armd.compensation.diagnose.report import verdict
 from armd.compensation.diagnose.scoring.shape import locate_shape
-from armd.compensation.diagnose.search import explains, findings
-from armd.compensation.diagnose.search.explains import explain
+from armd.compensation.diagnose.search import explained_share, findings
+from armd.compensation.diagnose.search.explained_share import compute_explained_shares
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, Winding
 from support.small_fit import candidate, small_fit
@@ -41,7 +41,7 @@ def scores_of(*left_out: tuple[Candidate, float]) -> Any:
 @pytest.fixture
 def unparted(monkeypatch: pytest.MonkeyPatch) -> None:
     """No look at parts of the readings: what stands beside a cause decides."""
-    monkeypatch.setattr(explains, "_checks", lambda *_: ())
+    monkeypatch.setattr(explained_share, "_checks", lambda *_: ())
 
 
 def fit_of(*found: Candidate) -> Any:
@@ -52,10 +52,10 @@ def test_the_share_is_of_all_that_its_variables_show(unparted: None) -> None:
     """χ² less one for its column: 100 of its own, 300 of an unknown finding in its variables, 100
     of what was left out in them; what depends on other joints does not count."""
     statistics, scores = [101.0, 301.0, 5001.0], scores_of((BESIDE, 101.0), (ELSEWHERE, 9001.0))
-    (own, *_) = explain(fit_of(NAMED, BESIDE, ELSEWHERE), statistics, scores, 100)
+    (own, *_) = compute_explained_shares(fit_of(NAMED, BESIDE, ELSEWHERE), statistics, scores, 100)
     assert own.share == pytest.approx(100.0 / 500.0)
     assert own.guess and own.variables == ("q3", "q2")
-    (alone,) = explain(fit_of(NAMED), [101.0], scores_of((ELSEWHERE, 9001.0)), 100)
+    (alone,) = compute_explained_shares(fit_of(NAMED), [101.0], scores_of((ELSEWHERE, 9001.0)), 100)
     assert alone.share == 1.0 and not alone.guess
 
 
@@ -63,17 +63,21 @@ def test_a_form_of_its_own_is_not_explained_by_the_name(unparted: None) -> None:
     """χ² of 900 is the name's, 300 the shape's that it has instead of the catalogue's."""
     shape = Candidate("unknown", locate_shape(NAMED), (Column("s", "1", 1.0),), ("q3",))
     another = Candidate("unknown", locate_shape(ELSEWHERE), (Column("s", "1", 1.0),), ("q3",))
-    (own, *_) = explain(fit_of(NAMED, shape, another), [901.0, 301.0, 9001.0], scores_of(), 100)
+    (own, *_) = compute_explained_shares(
+        fit_of(NAMED, shape, another), [901.0, 301.0, 9001.0], scores_of(), 100
+    )
     assert own.share == pytest.approx(0.75)
 
 
 def test_one_name_several_times_is_one_effect_without_a_name(unparted: None) -> None:
     """Two gears of a joint, of the sum of two angles and of one; a curve's orders are one curve."""
     sum_of, alone = (replace(MESH, depends_on=on) for on in (("q4", "q3"), ("q4",)))
-    told = explain(fit_of(sum_of, alone, NAMED), [301.0, 101.0, 5001.0], scores_of(), 100)
+    told = compute_explained_shares(
+        fit_of(sum_of, alone, NAMED), [301.0, 101.0, 5001.0], scores_of(), 100
+    )
     assert [each.share for each in told] == pytest.approx([0.75, 0.25, 1.0])
     orders = [replace(MESH, setting=(("order", order, "1/turn"),)) for order in (3.0, 5.0)]
-    told = explain(fit_of(*orders), [301.0, 101.0], scores_of(), 100)
+    told = compute_explained_shares(fit_of(*orders), [301.0, 101.0], scores_of(), 100)
     assert [each.share for each in told] == [1.0, 1.0]
 
 
@@ -89,8 +93,12 @@ def test_the_way_before_counts_against_names_of_its_own_joint(unparted: None) ->
         for joint in (2, 3)
     ]
     for before, share in zip(wound, (1.0, 0.25), strict=True):
-        (found, _) = explain(fit_of(NAMED, before), [101.0, 301.0], scores_of(), 100)
-        (left_out,) = explain(fit_of(NAMED), [101.0], scores_of((before, 301.0)), 100)
+        (found, _) = compute_explained_shares(
+            fit_of(NAMED, before), [101.0, 301.0], scores_of(), 100
+        )
+        (left_out,) = compute_explained_shares(
+            fit_of(NAMED), [101.0], scores_of((before, 301.0)), 100
+        )
         assert found.share == left_out.share == pytest.approx(share)
 
 
@@ -106,9 +114,9 @@ def test_an_amplitude_that_changes_half_way_accounts_for_less(
     signal = 40.0 * own[:, 0] * np.repeat(np.where(half == 0, 1.5, 0.5), 3)
     fit = small_fit(signal, np.zeros((3 * n, 0)), {NAMED: own})
     parts = ("time_s", half, ["before", "after"])
-    monkeypatch.setattr(explains, "_partitions", lambda *_: iter([parts]))
+    monkeypatch.setattr(explained_share, "_partitions", lambda *_: iter([parts]))
     statistic = float(fit.fitted @ fit.fitted)
-    (told,) = explain(fit, [statistic], scores_of(), 100)
+    (told,) = compute_explained_shares(fit, [statistic], scores_of(), 100)
     (check,) = told.checks
     assert check.ratio == pytest.approx([1.5, 0.5], rel=1e-2)
     assert check.p_value < 1e-12
@@ -119,9 +127,11 @@ def test_an_amplitude_that_changes_half_way_accounts_for_less(
 def test_a_guess_is_no_surer_than_its_share(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
     found = [Finding(c, 1e-9, 90.0, 0.99, (), ()) for c in (NAMED, ELSEWHERE)]
     own = Explained(share, ("q3",), ())
-    monkeypatch.setattr(findings, "explain", lambda *_: [own, replace(own, variables=("q5",))])
+    monkeypatch.setattr(
+        findings, "compute_explained_shares", lambda *_: [own, replace(own, variables=("q5",))]
+    )
     scored: Any = SimpleNamespace(fit=None, scores=None)
-    named, nameless = findings.judge(scored, found, 100)
+    named, nameless = findings.report_findings(scored, found, 100)
     assert named.probability == pytest.approx(0.99 * (share if share < ENOUGH else 1.0))
     assert nameless.probability == 0.99  # it claims no name
     assert named.explained == own

@@ -53,7 +53,9 @@ def scatter(monkeypatch: pytest.MonkeyPatch) -> dict[int, float]:
 
 def test_nobody_joins_without_significance(scatter: dict[int, float]) -> None:
     assert (
-        selection.choose(NOTHING, scores_of([FIRST, OTHER], [-3.0, -5.0], [0.5, 0.5]), TESTS)
+        selection.choose_candidate(
+            NOTHING, scores_of([FIRST, OTHER], [-3.0, -5.0], [0.5, 0.5]), TESTS
+        )
         is None
     )
 
@@ -61,14 +63,14 @@ def test_nobody_joins_without_significance(scatter: dict[int, float]) -> None:
 def test_the_likeliest_place_joins_by_its_likeliest_value(scatter: dict[int, float]) -> None:
     """Two values of one place together are likelier than another place that is so by itself."""
     scores = scores_of([FIRST, SECOND, OTHER], [-30.0, -31.0, -35.0], [0.28, 0.32, 0.4])
-    assert selection.choose(NOTHING, scores, TESTS) is SECOND
+    assert selection.choose_candidate(NOTHING, scores, TESTS) is SECOND
     alone = scores_of([FIRST, OTHER], [-30.0, -29.0], [0.45, 0.55])
-    assert selection.choose(NOTHING, alone, TESTS) is OTHER
+    assert selection.choose_candidate(NOTHING, alone, TESTS) is OTHER
 
 
 def test_what_is_likeliest_must_be_significant_itself(scatter: dict[int, float]) -> None:
     scores = scores_of([FIRST, OTHER], [-4.0, -30.0], [0.9, 0.1])
-    assert selection.choose(NOTHING, scores, TESTS) is OTHER
+    assert selection.choose_candidate(NOTHING, scores, TESTS) is OTHER
 
 
 def test_what_few_rests_bear_is_refused_for_the_next(
@@ -83,10 +85,10 @@ def test_what_few_rests_bear_is_refused_for_the_next(
         return admitted
 
     monkeypatch.setattr(selection, "_likelier", likelier)
-    assert selection.choose(NOTHING, scores, TESTS) is OTHER
+    assert selection.choose_candidate(NOTHING, scores, TESTS) is OTHER
     assert compared == [[SECOND.place, FIRST.place]]  # and asked whether it is the same signal
     scatter[id(OTHER)] = -1.0
-    assert selection.choose(NOTHING, scores, TESTS) is None
+    assert selection.choose_candidate(NOTHING, scores, TESTS) is None
 
 
 def test_what_few_rests_bear_is_not_left_over(scatter: dict[int, float]) -> None:

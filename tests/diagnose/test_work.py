@@ -63,17 +63,19 @@ def test_many_readings_have_one_bound_and_few_a_higher_one() -> None:
 
 def test_other_sets_leave_work_for_what_follows() -> None:
     work = WorkBudget(limit=8000.0)
+    work.add(1000.0, TRIAL_WORK)
+    assert work.done == 300.0 and work.of_sets == 0.0
     while work.may_try_sets:
-        work.add(look().n_products, TRIAL_WORK)
+        work.add(look().n_products, TRIAL_WORK, of_sets=True)
     assert work.may_go_on and work.done < 0.7 * work.limit
 
 
 def test_pieces_beside_each_other_have_equal_parts_and_always_some() -> None:
     """Not the one that comes first most of it: the answer must not go by the threads' order."""
     work = WorkBudget(limit=1000.0, done=400.0)
-    assert [work.of_one_in(3).limit for _ in range(3)] == [200.0] * 3
+    assert [work.split(3).limit for _ in range(3)] == [200.0] * 3
     work.done = 2000.0
-    piece = work.of_one_in(2)
+    piece = work.split(2)
     assert piece.limit == LEAST_REPEATED * 500.0
     piece.done, piece.skipped = 70.0, ["that"]
     work.take(piece)

@@ -15,7 +15,7 @@ from armd.compensation.diagnose.fitting.refit import Refits, solve_again
 from armd.compensation.diagnose.heldout.gain import compute_gain
 from armd.compensation.diagnose.heldout.judge import Look
 from armd.compensation.diagnose.heldout.validation import (
-    choose,
+    choose_validated_findings,
     may_go_on_otherwise,
 )
 from armd.compensation.diagnose.report.result import as_json
@@ -93,7 +93,7 @@ SHAPE = Candidate(
 def test_which_findings_are_written(
     findings: Any, worth: dict[tuple[int, ...], float], numbers: tuple[int, ...], doubted: set[int]
 ) -> None:
-    chosen = choose(findings, [look(worth)], [True] * len(findings.findings))
+    chosen = choose_validated_findings(findings, [look(worth)], [True] * len(findings.findings))
     assert chosen.numbers == numbers
     assert set(chosen.doubts) == doubted
 
@@ -106,7 +106,9 @@ def test_a_drift_that_makes_later_readings_worse_is_told_and_not_written() -> No
     looks = [look({(): 4.0, (0,): 3.0, (1,): 3.8, (0, 1): 2.5})]
     for after, expected in ((4.1, ((1,), (0,))), (3.9, ((0, 1), ()))):
         later = squares_of({(): 4.0, (0,): after, (1,): 9.0, (0, 1): 9.1})
-        chosen = choose(search_of(drift, cause(2)), looks, [True, True], later=later)
+        chosen = choose_validated_findings(
+            search_of(drift, cause(2)), looks, [True, True], later=later
+        )
         assert (chosen.numbers, chosen.contradicted_later) == expected
 
 
@@ -123,9 +125,11 @@ def test_a_temperature_that_stands_in_for_a_drift_is_asked_for_later_readings_to
     worth = {(): 4.0, (0,): 4.1, (1,): 3.0, (2,): 3.5, (0, 1): 3.1, (0, 2): 3.6, (1, 2): 2.5}
     looks = [look(worth | {(0, 1, 2): 2.6})]
     later = squares_of({some: 4.0 + sum(some) for some in (*worth, (0, 1, 2))})
-    chosen = choose(search_of(drift, expansion, cause(3)), looks, [True] * 3, later=later)
+    chosen = choose_validated_findings(
+        search_of(drift, expansion, cause(3)), looks, [True] * 3, later=later
+    )
     assert (chosen.numbers, chosen.contradicted_later) == ((2,), (1,))
-    chosen = choose(search_of(drift, expansion, cause(3)), looks, [True] * 3)
+    chosen = choose_validated_findings(search_of(drift, expansion, cause(3)), looks, [True] * 3)
     assert chosen.numbers == (1, 2)
 
 
@@ -151,7 +155,7 @@ def test_readings_held_out_make_doubtful_what_they_contradict() -> None:
     n = len(GROUPS)
     for share, expected in ((1.0, None), (1.0 + 2.0 / (1.5 * n), np.exp(-2.0)), (1.2, 0.05)):
         worth = {(): 4.0, (0,): 3.0, (1,): 4.0 * share, (0, 1): 3.0 * share}
-        chosen = choose(causes(2), [look(worth)], [True] * 2)
+        chosen = choose_validated_findings(causes(2), [look(worth)], [True] * 2)
         assert chosen.numbers == (0,)
         assert chosen.doubts == {1: pytest.approx(1.0 if expected is None else expected)}
 
@@ -159,8 +163,8 @@ def test_readings_held_out_make_doubtful_what_they_contradict() -> None:
 def test_where_the_repeated_search_tells_nothing_the_placements_left_out_state_the_gain() -> None:
     """What is written must not stand beside figures of a search that found something else."""
     worth = {(): 4.0, (0,): 3.0, (1,): 3.5, (0, 1): 2.0}
-    assert choose(causes(2), [look(worth)], [True] * 2).gains == {}
-    chosen = choose(causes(2), [look(worth)], [True] * 2, repeated_tells=False)
+    assert choose_validated_findings(causes(2), [look(worth)], [True] * 2).gains == {}
+    chosen = choose_validated_findings(causes(2), [look(worth)], [True] * 2, repeated_tells=False)
     assert (chosen.numbers, chosen.by) == ((0, 1), "placements left out")
     rms_um = {some: 1e3 * np.sqrt(squares_of(worth)(some, False).mean()) for some in worth}
     for i, (before, after) in enumerate((((), (0,)), ((0,), (0, 1)))):
@@ -169,15 +173,15 @@ def test_where_the_repeated_search_tells_nothing_the_placements_left_out_state_t
 
 
 def test_nothing_is_written_that_could_not_be_found_again() -> None:
-    assert choose(causes(1), [look({(): 4.0, (0,): 3.0})], [False]).numbers == ()
+    assert choose_validated_findings(causes(1), [look({(): 4.0, (0,): 3.0})], [False]).numbers == ()
 
 
 def test_what_one_placement_shows_its_targets_bear_out() -> None:
     """Without that placement nobody knows of it: no gain there is no word against it."""
     silent, shown, harm = (look({(): 4.0, (0,): after}) for after in (4.0, 2.0, 4.5))
-    assert choose(causes(1), [silent, shown], [True]).numbers == (0,)
-    assert choose(causes(1), [harm, shown], [True]).numbers == ()
-    deaf = choose(causes(1), [harm, shown], [True], lambda _finding, _some: True)
+    assert choose_validated_findings(causes(1), [silent, shown], [True]).numbers == (0,)
+    assert choose_validated_findings(causes(1), [harm, shown], [True]).numbers == ()
+    deaf = choose_validated_findings(causes(1), [harm, shown], [True], lambda _finding, _some: True)
     assert deaf.numbers == (0,)
     assert deaf.gains[0].is_confirmed
 
@@ -192,8 +196,10 @@ def test_placements_hear_a_finding_that_only_another_one_hides_from_them() -> No
     def beside_the_other(finding: int, some: tuple[int, ...]) -> bool:
         return finding == 0 and 1 in some
 
-    assert choose(causes(2), looks, [True] * 2, beside_the_other).numbers == ()
-    assert choose(causes(2), looks, [True] * 2, lambda finding, _: finding == 0).numbers == (0,)
+    assert choose_validated_findings(causes(2), looks, [True] * 2, beside_the_other).numbers == ()
+    assert choose_validated_findings(
+        causes(2), looks, [True] * 2, lambda finding, _: finding == 0
+    ).numbers == (0,)
 
 
 def test_gross_readings_have_no_voice_but_a_finding_that_makes_them_worse_is_not_written() -> None:
@@ -206,17 +212,21 @@ def test_gross_readings_have_no_voice_but_a_finding_that_makes_them_worse_is_not
             gross, 4000.0 * (worse if some else 1.0), usual(some, growth)
         )
 
-    assert choose(causes(1), [Look(squares(1.0), GROUPS)], [True]).numbers == (0,)
-    assert choose(causes(1), [Look(squares(1.2), GROUPS)], [True]).numbers == ()
+    assert choose_validated_findings(causes(1), [Look(squares(1.0), GROUPS)], [True]).numbers == (
+        0,
+    )
+    assert choose_validated_findings(causes(1), [Look(squares(1.2), GROUPS)], [True]).numbers == ()
 
 
 def test_the_first_links_growth_is_written_only_where_held_out_readings_bear_it_out() -> None:
     worth = {(): 4.0, (0,): 3.0}
     for grown, expected in ((0.7, True), (1.0, False), (1.3, False)):
-        chosen = choose(causes(1), [look(worth, grown)], [True], growth=True)
+        chosen = choose_validated_findings(causes(1), [look(worth, grown)], [True], growth=True)
         assert (chosen.numbers, chosen.growth) == ((0,), expected)
         assert chosen.after.sum() < chosen.before.sum()
-    chosen = choose(causes(1), [look({(): 4.0, (0,): 4.0}, 0.5)], [True], growth=True)
+    chosen = choose_validated_findings(
+        causes(1), [look({(): 4.0, (0,): 4.0}, 0.5)], [True], growth=True
+    )
     assert (chosen.numbers, chosen.growth) == ((), False)
     assert (chosen.after == chosen.before).all()
 
@@ -226,10 +236,12 @@ def test_a_look_that_is_deaf_to_the_first_links_growth_does_not_speak_of_it() ->
     worth = {(): 4.0, (0,): 3.0}
     for by_target, expected in ((0.99, True), (1.01, False)):
         looks = [look(worth, grown) for grown in (1.2, by_target)]
-        chosen = choose(causes(1), looks, [True], growth=True, cannot_see_growth=True)
+        chosen = choose_validated_findings(
+            causes(1), looks, [True], growth=True, cannot_see_growth=True
+        )
         assert (chosen.numbers, chosen.growth) == ((0,), expected)
         assert chosen.after.sum() == pytest.approx(0.75 * chosen.before.sum())
-        heard = choose(causes(1), looks, [True], growth=True)
+        heard = choose_validated_findings(causes(1), looks, [True], growth=True)
         assert not heard.growth
 
 

@@ -60,7 +60,7 @@ def validate_in_turn(
     parts = [int(part) for part in np.unique(folds)]
     refits = make_refits_without(set_findings(last, [], arm), [folds == p for p in parts])
     work = work or WorkBudget()
-    shares = [work.of_one_in(len(parts)) for _ in parts]  # the parts are computed in parallel
+    shares = [work.split(len(parts)) for _ in parts]  # the parts are computed in parallel
     starts = [
         (part, refit.with_subset([]), share)
         for part, refit, share in zip(parts, refits, shares, strict=True)

@@ -48,7 +48,7 @@ from armd.compensation.model.arm import Arm
 TARGETS: Final = "targets left out within placements"
 
 
-def choose(
+def choose_validated_findings(
     result: SearchResult,
     looks: Sequence[Look],
     able: Sequence[bool],
@@ -171,7 +171,7 @@ def validate_by_placement(
     growth = has_known_growth(last, arm)
     cannot_see_growth = growth and _is_in_one_fold(last, last.net_growth())
     repeated_tells = not stepwise or stepwise[-1].after_um <= stepwise[0].before_um
-    return choose(
+    return choose_validated_findings(
         result,
         looks,
         able,
@@ -242,7 +242,7 @@ def validate_by_session(
 
     look = Look(squares, group_readings(readings), float(readings.freedom.mean()))
     able = [not finding.candidate.is_report_only for finding in result.findings]
-    return choose(result, [look], able, growth=has_known_growth(last, arm))
+    return choose_validated_findings(result, [look], able, growth=has_known_growth(last, arm))
 
 
 def compute_squares_on_sessions(

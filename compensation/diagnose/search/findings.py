@@ -25,14 +25,18 @@ from armd.compensation.diagnose.scoring.confusion import compare
 from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
 from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p
-from armd.compensation.diagnose.search.explains import explain
+from armd.compensation.diagnose.search.explained_share import compute_explained_shares
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.unknown import remove_name
 
 
-def judge(scored: ScoredCandidates, findings: Sequence[Finding], tests: int) -> tuple[Finding, ...]:
+def report_findings(
+    scored: ScoredCandidates, findings: Sequence[Finding], tests: int
+) -> tuple[Finding, ...]:
     """Return every finding as it is reported, given all the others."""
-    explained = explain(scored.fit, [f.statistic for f in findings], scored.scores, tests)
+    explained = compute_explained_shares(
+        scored.fit, [f.statistic for f in findings], scored.scores, tests
+    )
     judged = [
         replace(f, explained=explanation, probability=_limit_probability(f, explanation))
         for f, explanation in zip(_withdraw_names(findings), explained, strict=True)

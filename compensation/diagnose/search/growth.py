@@ -50,7 +50,9 @@ def fit_with_growth(
         return None
     nothing = [np.zeros(len(c.columns)) for c in grown]
     findings, start = [*grown, *current.findings], [*nothing, *current.amplitudes]
-    weighed = _or_newer(_fitted(current, closed, findings, start, arm), len(grown), arm, tests)
+    weighed = _prefer_growth_since_calibration(
+        _fitted(current, closed, findings, start, arm), len(grown), arm, tests
+    )
     findings = list(weighed.findings)
     named = {t.parameter for c in grown for column in c.columns for t in column.terms}
     remaining_baseline = drop_growth(current.baseline, named)
@@ -58,7 +60,7 @@ def fit_with_growth(
     return None if find_refusal(last, about, arm) else (weighed, last)
 
 
-def _or_newer(weighed: Fit, grown: int, arm: Arm, tests: int) -> Fit:
+def _prefer_growth_since_calibration(weighed: Fit, grown: int, arm: Arm, tests: int) -> Fit:
     """Replace the first *grown* findings by expansion since the calibration, if this saves others.
 
     Such expansion starts at the reference temperature. Without it, the length of a link at the

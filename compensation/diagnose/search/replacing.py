@@ -10,7 +10,7 @@ from armd.compensation.effects.by_session import can_follow_anything
 from armd.compensation.effects.effect import Candidate
 
 
-def require_heldout(
+def compute_heldout_margin(
     findings: Sequence[Candidate], instead_of: Sequence[Candidate], likelier: float
 ) -> float | None:
     """Return the held-out gain, in standard errors, with which *findings* replace *instead_of*.

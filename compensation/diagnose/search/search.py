@@ -28,15 +28,19 @@ from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.shape import select_with_causes
 from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p
+from armd.compensation.diagnose.search.find_rival_sets import (
+    RivalSet,
+    RivalSetSearch,
+    may_be_others,
+)
 from armd.compensation.diagnose.search.findings import (
     as_reported,
     find_likelier_rival,
-    judge,
+    report_findings,
     weigh_findings,
 )
 from armd.compensation.diagnose.search.growth import fit_with_growth
-from armd.compensation.diagnose.search.replacing import require_heldout
-from armd.compensation.diagnose.search.revisit import Revisit, RivalSet, may_be_others
+from armd.compensation.diagnose.search.replacing import compute_heldout_margin
 from armd.compensation.diagnose.search.rival_sets import (
     HeldOutGain,
     limit_by_rival_sets,
@@ -44,7 +48,7 @@ from armd.compensation.diagnose.search.rival_sets import (
     weigh_rival_sets,
 )
 from armd.compensation.diagnose.search.selection import (
-    choose,
+    choose_candidate,
     choose_finding,
     choose_next_set,
     find_strongest_left,
@@ -132,7 +136,7 @@ class Search:
                     break
         current, scored, findings_weighed = self._rename_less_likely(current, scored, tried_keys)
         strongest, log_p = find_strongest_left(scored, survey.tests)
-        judged = judge(scored, findings_weighed, survey.tests)
+        judged = report_findings(scored, findings_weighed, survey.tests)
         rivals = self._weigh_rival_sets(current, scored)
         reported = limit_by_rival_sets(judged, current, rivals, survey.arm)
         searched = as_reported(current, reported)
@@ -166,12 +170,12 @@ class Search:
             refused=tuple(survey.refusals.refused),
         )
 
-    def explain(self, most_findings: int) -> Fit:
+    def fit_forward(self, most_findings: int) -> Fit:
         """Add one cause after another, at most *most_findings*, without looking back at any."""
         survey, scored = self.survey, self.first
         current = scored.fit
         for step in range(most_findings):
-            best = choose(scored.projection, scored.scores, survey.tests)
+            best = choose_candidate(scored.projection, scored.scores, survey.tests)
             if best is None:
                 break
             fitted = survey.fit(join_finding(current.findings, best), current)
@@ -187,7 +191,7 @@ class Search:
         """Judge a fit's findings, expansion among them, each given all the others."""
         survey = self.survey
         scored = survey.score(grown)
-        return judge(scored, weigh_findings(scored, survey.tests), survey.tests)
+        return report_findings(scored, weigh_findings(scored, survey.tests), survey.tests)
 
     def _rename_one(self, current: Fit, scored: ScoredCandidates) -> tuple[Fit, ScoredCandidates]:
         """Rename one finding if, given all others, another name is clearly likelier."""
@@ -201,7 +205,7 @@ class Search:
             if places[best] > math.log(CLEARLY) + scored.log_posterior_of(i, scores):
                 findings = select_with_causes([c for c in current.findings if c is not candidate])
                 without = solve_again(current, findings, survey.arm)
-                rival = choose(make_projection(without, survey.arm), scores, survey.tests)
+                rival = choose_candidate(make_projection(without, survey.arm), scores, survey.tests)
                 if rival is None or rival.place == candidate.place:
                     continue
                 fitted = survey.fit(join_finding(findings, rival), without)
@@ -253,12 +257,14 @@ class Search:
         *current*.
 
         The set must be likely enough, also about its own point, and predict held-out readings well
-        enough (`require_heldout`).
+        enough (`compute_heldout_margin`).
         """
         survey = self.survey
         for rival_set in self._rival_sets(current, scored):
             key = make_key(rival_set.findings)
-            enough = require_heldout(rival_set.findings, current.findings, rival_set.likelier)
+            enough = compute_heldout_margin(
+                rival_set.findings, current.findings, rival_set.likelier
+            )
             if key in tried_keys or enough is None:
                 continue
             if self._held_out(current, current.findings, rival_set.findings) < enough:
@@ -271,7 +277,7 @@ class Search:
             likelier = compute_log_odds(
                 another.findings, current.findings, another, survey.arm, scored.scores
             )
-            if require_heldout(rival_set.findings, current.findings, likelier) is not None:
+            if compute_heldout_margin(rival_set.findings, current.findings, likelier) is not None:
                 return another
         return current
 
@@ -285,17 +291,17 @@ class Search:
             through = partial(
                 list_acting_through, facts=survey.facts, refused=survey.refusals.places
             )
-            revisit = Revisit(
+            rival_search = RivalSetSearch(
                 scored,
                 survey.parted,
                 survey.arm,
                 survey.tests,
-                choose,
+                choose_candidate,
                 weigh_set,
                 through,
                 survey.work,
             )
-            self._rivals = key, revisit.find_rival_sets()
+            self._rivals = key, rival_search.find_rival_sets()
         return self._rivals[1]
 
     def _weigh_rival_sets(self, current: Fit, scored: ScoredCandidates) -> tuple[RivalCauses, ...]:

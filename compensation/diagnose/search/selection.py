@@ -36,7 +36,7 @@ from armd.compensation.effects.effect import Candidate, join_finding
 
 def choose_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:
     """Choose what joins the findings: a cause or, where none does, the shape of a finding."""
-    cause = choose(scored.projection, scored.scores, tests)
+    cause = choose_candidate(scored.projection, scored.scores, tests)
     return cause or choose_shape(scored, tests)
 
 
@@ -45,7 +45,7 @@ def make_key(findings: Sequence[Candidate]) -> str:
     return "".join(sorted(repr((c.place, c.setting)) for c in findings))
 
 
-def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | None:
+def choose_candidate(projection: Projection, scores: Scores, tests: int) -> Candidate | None:
     """Return the best candidate of the most probable place; None if nothing is significant.
 
     The candidate must be significant itself, also by the scatter of the rests that decide on it.
@@ -73,7 +73,7 @@ def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | No
         )
         about = projection
         if log_p[best] < STRONG:
-            best = _if_bent(
+            best = _choose_with_form_error(
                 best, significant_indices.intersection(alike), candidates, clipped, projection
             )
             about = clip_about(candidates[best], projection)
@@ -87,8 +87,8 @@ def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | No
 def find_strongest_left(scored: ScoredCandidates, tests: int) -> tuple[Candidate, float]:
     """Return the most significant candidate that is not in the model, and its log p value.
 
-    The log p value is the larger one of the two that `choose` tests. So a candidate that is not
-    named because it fails the second test does not count as an unexplained rest.
+    The log p value is the larger one of the two that `choose_candidate` tests. So a candidate that
+    is not named because it fails the second test does not count as an unexplained rest.
     """
     candidates, log_p = scored.scores.signatures.candidates, scored.scores.log_p.copy()
     for i in np.argsort(log_p, kind="stable"):
@@ -182,7 +182,7 @@ def _likelier(
     return admitted
 
 
-def _if_bent(
+def _choose_with_form_error(
     best: int,
     indices: Iterable[int],
     candidates: Sequence[Candidate],

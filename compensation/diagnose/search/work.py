@@ -16,7 +16,6 @@ from armd.compensation.diagnose.constants import (
     MOST_OF_SETS,
     MOST_PRODUCTS,
     MOST_TIMES,
-    TRIAL_WORK,
 )
 
 
@@ -29,14 +28,17 @@ class WorkBudget:
     of_sets: float = 0.0
     skipped: list[str] = field(default_factory=list)
 
-    def add(self, products: float, times: float) -> None:
-        """Add the work of scoring the catalogue once, *products* products, *times* over."""
+    def add(self, products: float, times: float, *, of_sets: bool = False) -> None:
+        """Add the work of scoring the catalogue once, *products* products, *times* over.
+
+        *of_sets*: whether it is done to try another set of causes.
+        """
         products *= times
         self.done += products
-        if times == TRIAL_WORK:
+        if of_sets:
             self.of_sets += products
 
-    def of_one_in(self, count: int) -> WorkBudget:
+    def split(self, count: int) -> WorkBudget:
         """Return the budget of one of *count* pieces that are computed in parallel.
 
         It is an equal part of what is left, or of what is reserved for them.

@@ -78,7 +78,8 @@ def _no_reason(original: Any, *args: Any) -> Any:
 
 RULES = (
     # The next cause
-    Rule("the likeliest with a shape of its own", SEARCH + "selection:_if_bent", give(0)),
+    Rule("the likeliest with a shape of its own", SEARCH + "selection:_choose_with_form_error",
+         give(0)),
     Rule(
         "strong ones compared with their own tails", SEARCH + "selection:_with_own_tails", give(0),
         lambda result, weight, *_: int(np.argmax(result)) != int(np.argmax(weight)),
@@ -127,23 +128,24 @@ RULES = (
         ),
     ),
     Rule(
-        "one finding has no rival sets, if not free", SEARCH + "revisit:may_be_others",
+        "one finding has no rival sets, if not free", SEARCH + "find_rival_sets:may_be_others",
         lambda _original, findings: bool(findings),
     ),
     Rule(
-        "sets: six to begin with", SEARCH + "revisit:Revisit._firsts",
+        "sets: six to begin with", SEARCH + "find_rival_sets:RivalSetSearch._list_starts",
         lambda original, *args: original(*args)[:1], lambda result, *_: len(result) > 1,
     ),
-    Rule("sets: only as free ones barred", SEARCH + "revisit:_barred", _only_its_place,
+    Rule("sets: only as free ones barred", SEARCH + "find_rival_sets:_list_exclusions",
+         _only_its_place,
          lambda result, finding: len(result) > 1 or bool(finding.instead_of)),
     Rule(
-        "sets: no more amplitudes", SEARCH + "revisit:_amplitudes", always(0),
-        watched_at=SEARCH + "revisit:Revisit._filled",
-        changed=lambda result, revisit, *_: sum(len(c.columns) for c in result)
-        > sum(len(c.columns) for c in revisit._fit.findings),
+        "sets: no more amplitudes", SEARCH + "find_rival_sets:_amplitudes", always(0),
+        watched_at=SEARCH + "find_rival_sets:RivalSetSearch._filled",
+        changed=lambda result, rival_search, *_: sum(len(c.columns) for c in result)
+        > sum(len(c.columns) for c in rival_search._fit.findings),
     ),
     Rule(
-        "sets: what tells why may be less likely", SEARCH + "replacing:require_heldout",
+        "sets: what tells why may be less likely", SEARCH + "replacing:compute_heldout_margin",
         _no_reason, lambda result, *_: result == 1.0,
     ),
     # Shapes
@@ -172,15 +174,16 @@ RULES = (
          lambda _original, findings: tuple(findings)),
     Rule("a guess is no surer than its share", SEARCH + "findings:_limit_probability",
          lambda _original, finding, _explained: finding.probability),
-    Rule("its own shape counts against it", SEARCH + "explains:_is_of_the_rest", always(False)),
-    Rule("what looks back counts at its own joint only", SEARCH + "explains:_moves_the_same",
-         always(True)),
+    Rule("its own shape counts against it", SEARCH + "explained_share:_explains_part_of_name",
+         always(False)),
+    Rule("what looks back counts at its own joint only",
+         SEARCH + "explained_share:_may_count_against", always(True)),
     # Older causes, growth
     Rule("a second search beside older causes", DIAGNOSE + "allow_absorbed_error", always(None),
          here_only=True),
     Rule("the second search counts instead", DIAGNOSE + "may_replace", always(False),
          here_only=True),
-    Rule("unless it lost a named cause", SEARCH + "repeated_search:has_lost_cause",
+    Rule("unless it lost a named cause", SEARCH + "compare_searches:has_lost_cause",
          always(False)),
     Rule("constants left open by what is not written",
          HELDOUT + "open_constants:keep_open_constants", give(0)),
@@ -189,7 +192,7 @@ RULES = (
     Rule("growth open that an error hid", FITTING + "free_expansion:_could_not_know",
          _known_by_span),
     Rule("growth told once all else is found", SEARCH + "growth:fit_with_growth", always(None)),
-    Rule("growth that began later", SEARCH + "growth:_or_newer", give(0)),
+    Rule("growth that began later", SEARCH + "growth:_prefer_growth_since_calibration", give(0)),
     Rule("plain expansion without a calibration", FITTING + "expansions:make_expansion_columns",
          _no_block, lambda result, *_: result[0].shape[1] > 0),
     Rule("the first link grows", FITTING + "nuisance:_column_of_the_mount", _no_block,

@@ -69,7 +69,7 @@ def may_be_others(findings: Sequence[Candidate]) -> bool:
     return len(findings) > 1 or any(map(is_sized, findings))
 
 
-class Revisit:
+class RivalSetSearch:
     """A comparison of a fit's findings with other sets, all about its point and in its noise."""
 
     def __init__(
@@ -104,8 +104,8 @@ class Revisit:
                 continue
             away, shape = {i, *find_acting_through(findings, i)}, locate_shape(finding)
             remaining = [c for j, c in enumerate(findings) if j not in away and c.location != shape]
-            for barred in _barred(finding):
-                for first in self._firsts(i, barred):
+            for barred in _list_exclusions(finding):
+                for first in self._list_starts(i, barred):
                     if not self._work.may_try_sets:
                         self._work.skip("the rest of the sets of causes to try instead")
                         break
@@ -118,7 +118,7 @@ class Revisit:
                     rival_sets[set_key] = RivalSet(tuple(tried), likelier)
         return sorted(rival_sets.values(), key=lambda rival_set: -rival_set.likelier)
 
-    def _firsts(self, index: int, barred: Which) -> list[list[Candidate]]:
+    def _list_starts(self, index: int, barred: Which) -> list[list[Candidate]]:
         """Return the candidates with which a set begins in the place of a finding.
 
         An empty list stands for whatever the search would add. If the finding can follow anything,
@@ -153,7 +153,7 @@ class Revisit:
         """
         for _ in range(MOST_IN_PLACE):
             scored = self._survey(findings)
-            self._work.add(scored.n_products, TRIAL_WORK)
+            self._work.add(scored.n_products, TRIAL_WORK, of_sets=True)
             is_barred = self._barred_candidates(scored.sums.signatures.candidates, barred)
             candidate = self._choose(
                 scored.projection, scored.scores.without(is_barred), self._tests
@@ -199,7 +199,7 @@ class Revisit:
         return self._first.projection.with_findings_of(fitted)
 
 
-def _barred(finding: Candidate) -> list[Which]:
+def _list_exclusions(finding: Candidate) -> list[Which]:
     """Return which candidates may not come again when a finding is taken out, one rule per trial.
 
     Usually its place is excluded. For a nearly free function (a curve, a random walk) a second

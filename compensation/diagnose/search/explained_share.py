@@ -26,7 +26,9 @@ from armd.compensation.diagnose.scoring.threshold import is_significant
 from armd.compensation.effects.effect import Candidate
 
 
-def explain(last: Fit, statistics: Sequence[float], scores: Scores, tests: int) -> list[Explained]:
+def compute_explained_shares(
+    last: Fit, statistics: Sequence[float], scores: Scores, tests: int
+) -> list[Explained]:
     """Return the share, variables and checks of each finding of a fit.
 
     *statistics*: what each finding explains (χ²), given the others. *scores* are those of all
@@ -64,7 +66,7 @@ def _explained_beside(
         return 0.0, tuple(names)
     total = 0.0
     for rival, statistic in zip(findings, statistics, strict=True):
-        if rival is not candidate and _is_of_the_rest(candidate, rival):
+        if rival is not candidate and _explains_part_of_name(candidate, rival):
             total += max(statistic - len(rival.columns), 0.0)
             names.update(dict.fromkeys(rival.depends_on))
     unnamed = [
@@ -72,7 +74,7 @@ def _explained_beside(
         for i, rival in enumerate(scores.signatures.candidates)
         if rival.cause == "unknown"
         and variables & set(rival.depends_on)
-        and _moves_the_same(candidate, rival)
+        and _may_count_against(candidate, rival)
         and is_significant(scores.log_p[i], tests)
     ]
     if unnamed:
@@ -82,7 +84,7 @@ def _explained_beside(
     return total, tuple(names)
 
 
-def _is_of_the_rest(candidate: Candidate, finding: Candidate) -> bool:
+def _explains_part_of_name(candidate: Candidate, finding: Candidate) -> bool:
     """Whether a finding explains something that the cause would explain if its name were right.
 
     This holds of a form error, and of several causes with one name and place in some of the
@@ -93,7 +95,7 @@ def _is_of_the_rest(candidate: Candidate, finding: Candidate) -> bool:
     if is_shape(finding):
         return finding.location == locate_shape(candidate)
     if finding.cause == "unknown":
-        return bool(list_variables(finding) & variables) and _moves_the_same(candidate, finding)
+        return bool(list_variables(finding) & variables) and _may_count_against(candidate, finding)
     return (
         finding.place == candidate.place
         and bool(finding_variables & variables)
@@ -101,7 +103,7 @@ def _is_of_the_rest(candidate: Candidate, finding: Candidate) -> bool:
     )
 
 
-def _moves_the_same(candidate: Candidate, unknown: Candidate) -> bool:
+def _may_count_against(candidate: Candidate, unknown: Candidate) -> bool:
     """Whether an *unknown* structure moves the same joint as a cause; True unless it looks back.
 
     What happened before a reading contains the joint's angle and the time. It is no evidence
