@@ -116,7 +116,7 @@ def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(
     at = next(i for i, c in enumerate(both.candidates) if c.through and c.place == offset.place)
     scored = score_candidates(make_projection(with_it, ARM), both)
     assert scored.scores.freedom[[1, at]].tolist() == [0, 1]
-    assert scored.without(0).freedom[[1, at]].tolist() == [1, 0]
+    assert scored.score_eligible_without(0).freedom[[1, at]].tolist() == [1, 0]
     nothing = score_candidates(make_projection(without, ARM), both)
     assert nothing.scores.freedom[[1, at]].tolist() == [1, 0]
     # What acts through the gradient takes no part in what the gradient is worth.

@@ -155,7 +155,7 @@ def test_it_goes_by_the_other_only_beside_the_exchange(problem: Problem) -> None
     plain = compile_candidates([turned, exchanged], without.linear, ARM)
     scored = score_candidates(make_projection(with_it, ARM), plain)
     assert scored.scores.freedom[0] == 1
-    assert scored.without(0).freedom[0] == 0
+    assert scored.score_eligible_without(0).freedom[0] == 0
     assert score_candidates(make_projection(without, ARM), plain).scores.freedom[0] == 0
     more = add_acting(plain, with_it, problem.facts, (), ARM).candidates
     assert turned in more[2:]

@@ -5,7 +5,11 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.problem.whitening import RestNoise
-from armd.compensation.diagnose.scoring.memory import Lasting, Sequence, compute_variance_of_sums
+from armd.compensation.diagnose.scoring.noise_correlation import (
+    CorrelationEstimator,
+    RestOrder,
+    compute_variance_of_sums,
+)
 
 N = 400
 PLACEMENT = np.repeat(np.arange(8), 50)
@@ -50,7 +54,7 @@ def test_a_sum_varies_as_the_whole_covariance_says(tau_s: float, of_encoders: bo
     covariance = np.einsum("iax,jbx,ij->iajb", sources, sources, kept).reshape(3 * N, 3 * N)
     flat = weights.reshape(3 * N, 2)
     total = float(np.trace(flat.T @ covariance @ flat))
-    sequence = Sequence.from_rests(PLACEMENT[mixed], time_s[mixed])
+    sequence = RestOrder.from_rests(PLACEMENT[mixed], time_s[mixed])
     found = compute_variance_of_sums(weights[mixed], sources[mixed], tau_s, sequence)
     assert found == pytest.approx(total / (weights**2).sum(), rel=0.02)
 
@@ -63,7 +67,9 @@ def test_the_time_constant_is_that_of_the_sources(of_encoders: bool) -> None:
         time_s = times(rng)
         sources = encoders(rng) if of_encoders else TIP
         noise = noise_of(sources, time_s, rng)
-        found.append(Lasting(sources, Sequence.from_rests(PLACEMENT, time_s)).memory(noise))
+        found.append(
+            CorrelationEstimator(sources, RestOrder.from_rests(PLACEMENT, time_s)).estimate(noise)
+        )
     assert np.median([one.tau_s for one in found if one]) == pytest.approx(45.0, rel=0.1)
     assert {one.variance for one in found if one} == {1.0}
 
@@ -90,9 +96,9 @@ def test_what_was_absorbed_hid_a_part_of_the_memory() -> None:
             absorbed.append((rests, own))
             for of in (noise, fresh):
                 of[rests] -= (own @ (own.T @ of[rests].ravel())).reshape(-1, 3)
-        lasting = Lasting(sources, Sequence.from_rests(PLACEMENT, time_s), absorbed)
-        independent.append(lasting.memory(fresh))
-        memory = lasting.memory(noise)
+        estimator = CorrelationEstimator(sources, RestOrder.from_rests(PLACEMENT, time_s), absorbed)
+        independent.append(estimator.estimate(fresh))
+        memory = estimator.estimate(noise)
         assert memory is not None
         taus.append(memory.tau_s)
         sizes.append(memory.variance * float((noise**2).sum() / (fresh**2).sum()) / before)
@@ -105,19 +111,21 @@ def test_certified_lengths_have_no_rests_and_say_nothing_of_a_memory() -> None:
     """Each may err by itself: columns that absorb, of rows that belong to no rest."""
     rng = np.random.default_rng(8)
     time_s, sources = times(rng), encoders(rng)
-    noise, sequence = noise_of(sources, time_s, rng), Sequence.from_rests(PLACEMENT, time_s)
+    noise, sequence = noise_of(sources, time_s, rng), RestOrder.from_rests(PLACEMENT, time_s)
     of_pose = (np.flatnonzero(PLACEMENT == 0), np.kron(np.ones((50, 1)), np.eye(3)) / 50**0.5)
-    of_lengths = (np.empty(0, dtype=np.int64), 0.5 * np.eye(15))
-    without = Lasting(sources, sequence, [of_pose]).memory(noise)
+    of_distances = (np.empty(0, dtype=np.int64), 0.5 * np.eye(15))
+    without = CorrelationEstimator(sources, sequence, [of_pose]).estimate(noise)
     assert without is not None
-    assert Lasting(sources, sequence, [of_pose, of_lengths]).memory(noise) == without
+    assert (
+        CorrelationEstimator(sources, sequence, [of_pose, of_distances]).estimate(noise) == without
+    )
 
 
 def test_a_step_of_one_encoder_meets_all_of_its_memory() -> None:
     """Of an encoder's errors the tip shows less that lasts than the encoder's own angle does."""
     rng = np.random.default_rng(4)
     sources, time_s = encoders(rng), times(rng)
-    sequence = Sequence.from_rests(PLACEMENT, time_s)
+    sequence = RestOrder.from_rests(PLACEMENT, time_s)
     step = (sources[:, :, :1].transpose(0, 2, 1) * (np.arange(N) % 50 > 25)[:, None, None]).copy()
     weights = step.transpose(0, 2, 1)
     whole = compute_variance_of_sums(weights, sources, 45.0, sequence)
@@ -129,9 +137,14 @@ def test_independent_noise_has_no_memory_nor_have_readings_without_times() -> No
     for i in range(300):
         noise = rng.standard_t(4, (N, 3))
         sources = encoders(rng) if i % 2 else TIP
-        assert Lasting(sources, Sequence.from_rests(PLACEMENT, times(rng))).memory(noise) is None
-    untimed = Sequence.from_rests(PLACEMENT, np.full(N, np.nan))
-    assert Lasting(TIP, untimed).memory(np.ones((N, 3))) is None
+        assert (
+            CorrelationEstimator(sources, RestOrder.from_rests(PLACEMENT, times(rng))).estimate(
+                noise
+            )
+            is None
+        )
+    untimed = RestOrder.from_rests(PLACEMENT, np.full(N, np.nan))
+    assert CorrelationEstimator(TIP, untimed).estimate(np.ones((N, 3))) is None
 
 
 def test_readings_left_out_say_nothing_of_a_memory() -> None:
@@ -142,7 +155,9 @@ def test_readings_left_out_say_nothing_of_a_memory() -> None:
         time_s, sources = times(rng), encoders(rng)
         noise = noise_of(sources, time_s, rng)
         noise[PLACEMENT < 4], sources[PLACEMENT < 4] = 0.0, 0.0
-        found.append(Lasting(sources, Sequence.from_rests(PLACEMENT, time_s)).memory(noise))
+        found.append(
+            CorrelationEstimator(sources, RestOrder.from_rests(PLACEMENT, time_s)).estimate(noise)
+        )
     assert np.median([one.tau_s for one in found if one]) == pytest.approx(45.0, rel=0.1)
 
 
@@ -151,7 +166,7 @@ def test_where_all_is_absorbed_no_memory_shows() -> None:
     rng = np.random.default_rng(7)
     placement = np.repeat(np.arange(200), 2)
     rounding = 1e-9 * np.repeat(rng.normal(size=(200, 3)), 2, axis=0)
-    sequence = Sequence.from_rests(placement, np.arange(400.0) * 20.0)
+    sequence = RestOrder.from_rests(placement, np.arange(400.0) * 20.0)
     absorbed = [(np.array([2 * k, 2 * k + 1]), np.eye(6)) for k in range(200)]
-    assert Lasting(TIP, sequence).memory(rounding) is not None
-    assert Lasting(TIP, sequence, absorbed).memory(rounding) is None
+    assert CorrelationEstimator(TIP, sequence).estimate(rounding) is not None
+    assert CorrelationEstimator(TIP, sequence, absorbed).estimate(rounding) is None

@@ -31,7 +31,7 @@ def projection_of(residual: np.ndarray, raw: np.ndarray, columns: np.ndarray) ->
         shapes=SimpleNamespace(),  # type: ignore[arg-type]
         cells=(),
         jacobian=nothing,
-        place=np.arange(columns.shape[1]),
+        shared_number=np.arange(columns.shape[1]),
         parts=(model,),
         cleared=np.column_stack([columns, residual]),
         side=(columns.T @ residual)[None],
@@ -72,7 +72,7 @@ def test_the_robust_solution_is_that_of_a_general_minimiser(made) -> None:
     left = (raw - columns @ best.x).reshape(-1, 3)
     np.testing.assert_allclose(found.residual, left, atol=0.05)
     size = np.linalg.norm(found.residual, axis=1)
-    np.testing.assert_allclose(found.weight_loss, 1.0 - WINSOR_AT / np.maximum(size, WINSOR_AT))
+    np.testing.assert_allclose(found.weight_deficit, 1.0 - WINSOR_AT / np.maximum(size, WINSOR_AT))
 
 
 def test_least_squares_with_a_prior_is_half_the_least_sum(made) -> None:
@@ -81,7 +81,7 @@ def test_least_squares_with_a_prior_is_half_the_least_sum(made) -> None:
     rows = np.vstack([shared, np.eye(3) / np.sqrt(50.0)])
     side = np.append(projection.fit.residual, np.zeros(3))
     least = np.linalg.lstsq(rows, side, rcond=None)[1][0]
-    assert nothing.square_of_clipped() == pytest.approx(0.5 * least)
+    assert nothing.compute_clipped_loss() == pytest.approx(0.5 * least)
 
 
 def test_what_was_clipped_stands_where_it_was_measured_beside_its_own_cause(made) -> None:

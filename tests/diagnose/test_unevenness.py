@@ -104,7 +104,9 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
         signature=lambda at, values: np.kron(values, np.eye(3)[at % 3]),
     )
     exact = replace(NO_NOISE, whitener=np.tile(1e9 * np.eye(3), (n, 1, 1)))
-    columns = time_discrepancy.make_uneven_columns(linear, exact, lag, np.array([1.5]), arm)
+    columns = time_discrepancy.make_time_discrepancy_columns(
+        linear, exact, lag, np.array([1.5]), arm
+    )
     assert columns.shape == (3 * n, 2 + 2 * 2)  # each length; two fadings in each session
     rise = temperature_c[:, 0] - 20.0
     behind = lagged(time_s, rise, lag_s) - rise
@@ -117,7 +119,7 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
         faded = np.exp(-time_s / lag_s) * (np.arange(n) < 25)
         most = 1.5 * mm * np.abs(behind).max()
         np.testing.assert_allclose(first, most * faded, atol=2e-4 * mm)
-    fading = time_discrepancy.make_unsettled(linear, lag, np.array([1.5]), arm)
+    fading = time_discrepancy.make_initial_state_candidate(linear, lag, np.array([1.5]), arm)
     for own, known in zip(fading.columns, columns.T[2:], strict=True):
         values = compute_basis_values(own.terms, states, arm, model.reference_c, model.constants)
         moved = np.zeros(3 * n)
@@ -125,7 +127,7 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
             moved += linear.signature(arm.layout.index(term.parameter), term.coefficient * value)
         np.testing.assert_allclose(moved, known, atol=1e-12)
     coarse = replace(NO_NOISE, whitener=np.tile(1e-9 * np.eye(3), (n, 1, 1)))
-    assert time_discrepancy.make_uneven_columns(
+    assert time_discrepancy.make_time_discrepancy_columns(
         linear, coarse, lag, np.array([1.5]), arm
     ).shape == (
         3 * n,

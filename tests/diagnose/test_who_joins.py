@@ -112,8 +112,8 @@ def test_a_finding_taken_out_is_a_candidate_again_as_in_dense_least_squares() ->
     finding = CANDIDATES[0]
     projection: Any = SimpleNamespace(
         fit=SimpleNamespace(findings=(finding,)),
-        shapes=SimpleNamespace(without=lambda fit, index: np.array([2])),
-        place=np.arange(4),
+        shapes=SimpleNamespace(list_columns=lambda fit, index: np.array([2])),
+        shared_number=np.arange(4),
     )
     scored = ScoredCandidates(projection, sums)
     assert scored.scores.freedom[0] == 0 and not np.isfinite(scored.scores.log_evidence[0])
@@ -129,7 +129,7 @@ def test_a_finding_taken_out_is_a_candidate_again_as_in_dense_least_squares() ->
             float(((q.T @ clear(r)) ** 2).sum())
         )
     # Nothing that is within a finding competes beside it, the finding itself but when it is out.
-    assert scored.without(0).freedom.tolist() == [1, 2, 1]
+    assert scored.score_eligible_without(0).freedom.tolist() == [1, 2, 1]
     assert scored.scores.statistic[1] < scored.score_without_finding(0).statistic[1]
 
 

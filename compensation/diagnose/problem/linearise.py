@@ -177,5 +177,5 @@ def _nuisance(linearisation: Linearisation, direction: F64) -> Blocks:
             if end in begins:
                 distances[i, begins[end] : begins[end] + 3] = sign * direction[i]
     columns = Blocks(observations.n, distances.shape[1], tuple(pieces), distances)
-    at_lengths = np.flatnonzero(distances.any(axis=0))
-    return columns.only(np.unique(np.concatenate([at_lengths, *(p.columns for p in pieces)])))
+    at_distances = np.flatnonzero(distances.any(axis=0))
+    return columns.only(np.unique(np.concatenate([at_distances, *(p.columns for p in pieces)])))

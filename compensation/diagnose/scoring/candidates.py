@@ -24,9 +24,9 @@ from armd.compensation.diagnose.scoring.evidence import (
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape, make_shape
 from armd.compensation.diagnose.scoring.time_discrepancy import (
+    has_unknown_initial_state,
+    make_initial_state_candidate,
     make_slower,
-    make_unsettled,
-    may_have_begun_anyhow,
 )
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
@@ -60,14 +60,16 @@ class ScoredCandidates:
         Parts of a finding are no candidates: a curve's amplitudes share one likely size, and what
         this leaves of the curve still belongs to it.
         """
-        return score(self.sums).without(np.any(self._parts, axis=0) | self._of_other_models())
+        return score(self.sums).drop_candidates(
+            np.any(self._parts, axis=0) | self._of_other_models()
+        )
 
-    def without(self, index: int) -> Scores:
+    def score_eligible_without(self, index: int) -> Scores:
         """Return the scores of all candidates, with one finding and its shape taken out of the
         model.
         """
         parts = np.delete(self._parts, index, axis=0)
-        return self.score_without_finding(index).without(
+        return self.score_without_finding(index).drop_candidates(
             np.any(parts, axis=0) | self._of_other_models(index)
         )
 
@@ -105,8 +107,10 @@ class ScoredCandidates:
 
     def _columns_of(self, index: int, *acting: int) -> I64:
         """Return the shared columns of a finding, its shape, and others *acting* through it."""
-        columns_by_finding = [self.projection.shapes.without(self.fit, i) for i in (index, *acting)]
-        columns: I64 = self.projection.place[np.concatenate(columns_by_finding)]
+        columns_by_finding = [
+            self.projection.shapes.list_columns(self.fit, i) for i in (index, *acting)
+        ]
+        columns: I64 = self.projection.shared_number[np.concatenate(columns_by_finding)]
         return columns
 
     @cached_property
@@ -170,7 +174,7 @@ class ScoredCandidates:
                 .log_evidence[0]
             )
             evidence_own = float(np.logaddexp(evidence_own, shaped_evidence + np.log(SHAPE_PRIOR)))
-        elif may_have_begun_anyhow(candidate):
+        elif has_unknown_initial_state(candidate):
             evidence_own += float(self.gain_of_shapes(index, [candidate])[0])
         return log_weight + max(evidence_own - best, 0.0)
 
@@ -208,8 +212,10 @@ def add_own_shapes(
 
 
 def _own_shape(candidate: Candidate, amplitudes: F64, projection: Projection) -> Candidate | None:
-    if may_have_begun_anyhow(candidate):
-        return make_unsettled(projection.fit.linear, candidate, amplitudes, projection.arm)
+    if has_unknown_initial_state(candidate):
+        return make_initial_state_candidate(
+            projection.fit.linear, candidate, amplitudes, projection.arm
+        )
     return make_shape(candidate, amplitudes, projection.arm.n_joints)
 
 

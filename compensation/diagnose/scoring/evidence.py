@@ -30,7 +30,7 @@ from armd.compensation.estimate.linear.linear_model import LinearModel
 class Sums:
     """Products over whitened rows of shared nuisance columns B, candidates' columns X, residual r.
 
-    All but the lengths are clear of what absorbs in one placement only.
+    All but the squared lengths are clear of what absorbs in one placement only.
     """
 
     signatures: Signatures
@@ -38,7 +38,7 @@ class Sums:
     br: F64  # (b,)
     bx: F64  # (b, K)
     xr: F64  # (K,)
-    length: F64  # (K,) squared lengths of X before clearing
+    squared_length: F64  # (K,) of X before clearing
     xx: dict[int, tuple[I64, F64]]  # columns per candidate → candidates, (c, m, m)
 
     def with_more(self, added: Sums) -> Sums:
@@ -55,7 +55,7 @@ class Sums:
             signatures=self.signatures.with_more(added.signatures),
             bx=np.hstack([self.bx, added.bx]),
             xr=np.append(self.xr, added.xr),
-            length=np.append(self.length, added.length),
+            squared_length=np.append(self.squared_length, added.squared_length),
             xx=xx,
         )
 
@@ -69,7 +69,7 @@ def add_sums(parts: Sequence[Sums]) -> Sums:
         sum((part.br for part in parts[1:]), start=first.br),
         sum((part.bx for part in parts[1:]), start=first.bx),
         sum((part.xr for part in parts[1:]), start=first.xr),
-        sum((part.length for part in parts[1:]), start=first.length),
+        sum((part.squared_length for part in parts[1:]), start=first.squared_length),
         {
             m: (members, sum((part.xx[m][1] for part in parts[1:]), start=products))
             for m, (members, products) in first.xx.items()
@@ -100,7 +100,7 @@ class Scores:
         weighted: F64 = self.log_evidence + self.log_prior
         return weighted
 
-    def without(self, barred: Mask) -> Scores:
+    def drop_candidates(self, barred: Mask) -> Scores:
         """Return the scores with the candidates *barred* (C,) counted as absorbed."""
         return replace(
             self,
@@ -109,7 +109,7 @@ class Scores:
             log_evidence=np.where(barred, -np.inf, self.log_evidence),
         )
 
-    def explain_as_well(self, statistic: float) -> Mask:
+    def find_partial_explanations(self, statistic: float) -> Mask:
         """Return which candidates (C,) alone explain a good part of a *statistic*."""
         well: Mask = self.statistic >= LEAST_EXPLAINED_SHARE * statistic
         return well
@@ -164,7 +164,9 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
     typical_snr = np.zeros(n)
     for m, (members, raw) in sums.xx.items():
         numbers = sums.signatures.first[members][:, None] + np.arange(m)
-        size = np.sqrt(np.maximum(sums.length[numbers], 0.0))  # rounding may make it negative
+        size = np.sqrt(
+            np.maximum(sums.squared_length[numbers], 0.0)
+        )  # rounding may make it negative
         size[size == 0.0] = 1.0
         tc = t[numbers] / size[:, :, None]  # (c, m, r)
         gram = raw / (size[:, :, None] * size[:, None, :]) - tc @ tc.transpose(0, 2, 1)

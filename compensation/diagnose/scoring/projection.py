@@ -29,7 +29,7 @@ from armd.compensation.diagnose.scoring.cells import (
     to_rows,
 )
 from armd.compensation.diagnose.scoring.evidence import Sums
-from armd.compensation.diagnose.scoring.memory import Lasting
+from armd.compensation.diagnose.scoring.noise_correlation import CorrelationEstimator
 from armd.compensation.diagnose.scoring.shape import Shapes, make_shapes
 from armd.compensation.estimate.linear.blocks import Piece
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
@@ -48,7 +48,7 @@ class Projection:
     shapes: Shapes
     cells: tuple[Cell, ...]
     jacobian: F64  # (P, N) whitened
-    place: I64  # (nuisance and shapes,) number among the shared columns; −1: eliminated
+    shared_number: I64  # (nuisance and shapes,) number among the shared columns; −1: eliminated
     parts: tuple[LinearModel, ...]  # the shared columns' problem, on each part's rows
     cleared: F64  # (N, b + 1) shared columns, then the residual, clear of the cells' own columns
     side: F64  # (parts, b) products of the shared columns with the residual, clear
@@ -66,10 +66,12 @@ class Projection:
         return self.cleared[:, :-1].T @ self.cleared[:, :-1]
 
     @cached_property
-    def lasting(self) -> Lasting:
+    def correlation_estimator(self) -> CorrelationEstimator:
         """The rests and sources from which the memory of the noise is estimated."""
         linear, absorbed = self.fit.linear, [(cell.rests, cell.absorbing) for cell in self.cells]
-        return Lasting.from_rests(linear.rests, self.fit.noise.sources(linear.joints), absorbed)
+        return CorrelationEstimator.from_rests(
+            linear.rests, self.fit.noise.sources(linear.joints), absorbed
+        )
 
     def clear_of_all(self, columns: F64) -> tuple[F64, F64]:
         """Return columns (N, m), whitened, and again clear of all that absorbs, the shapes
@@ -87,7 +89,7 @@ class Projection:
     @property
     def is_eliminated(self) -> Mask:
         """The fit's nuisance columns that are eliminated in cells of their own (a mask)."""
-        eliminated: Mask = self.place[: self.fit.layout.blocks.n] < 0
+        eliminated: Mask = self.shared_number[: self.fit.layout.blocks.n] < 0
         return eliminated
 
     def without(self, part: int, fit: Fit) -> Projection:
@@ -104,7 +106,7 @@ class Projection:
             self,
             fit=fit,
             cells=tuple(cell for cell in self.cells if cell.part != part),
-            place=self.place[self.place >= 0],
+            shared_number=self.shared_number[self.shared_number >= 0],
             parts=tuple(nothing if i == part else model for i, model in enumerate(self.parts)),
             cleared=cleared_rows,
             side=self.side * (np.arange(len(self.parts)) != part)[:, None],
@@ -130,7 +132,9 @@ class Projection:
             self,
             fit=fit,
             shapes=shapes,
-            place=np.concatenate([self.place[:start], findings, self.place[start:], of_shapes]),
+            shared_number=np.concatenate(
+                [self.shared_number[:start], findings, self.shared_number[start:], of_shapes]
+            ),
             parts=tuple(
                 model.joined(
                     "findings and shapes",
@@ -288,9 +292,9 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     white = fit.nuisance.columns.whitened(fit.noise.whitener, fit.noise.distance_mm)
     # Certified distances belong to no placement: they are a part that is never left out.
     none = np.empty(0, dtype=np.int64)
-    at_lengths = np.flatnonzero(white.distances.any(axis=0))
-    of_lengths = Piece(none, at_lengths, white.distances[:, None, at_lengths])
-    places = [*split_by_part(white, part_of), (parts, of_lengths)]
+    at_distances = np.flatnonzero(white.distances.any(axis=0))
+    of_distances = Piece(none, at_distances, white.distances[:, None, at_distances])
+    places = [*split_by_part(white, part_of), (parts, of_distances)]
     touched = np.zeros(len(variance), dtype=np.int64)
     for _, piece in places:
         touched[piece.columns] += 1
@@ -305,7 +309,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
         local_model = LinearModel.from_rows(
             [("own", rows_of_cell, variance[piece.columns[is_local]])]
         )
-        rows = slice(3 * n, size) if piece is of_lengths else as_slice(list_rows(piece.rests))
+        rows = slice(3 * n, size) if piece is of_distances else as_slice(list_rows(piece.rests))
         cells.append(Cell(part, piece.rests, rows, rows_of_cell @ local_model.factor))
     common = white.to_dense(np.flatnonzero(~local[: white.size]))
     always_shared = fit.noise.whiten(np.hstack([shapes.matrix, fit.residual[:, None]]))
@@ -322,7 +326,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
         shapes=shapes,
         cells=tuple(cells),
         jacobian=np.ascontiguousarray(fit.noise.whiten(fit.linear.jacobian.T).T),
-        place=np.where(local, -1, np.cumsum(~local) - 1),
+        shared_number=np.where(local, -1, np.cumsum(~local) - 1),
         parts=tuple(
             LinearModel.from_products(
                 layout, part_products[:, :-1], variance[~local], squared_norm=length

@@ -42,12 +42,12 @@ def compute_unclipped_gain(
     if is_close.sum() > 1:
         nothing = _absorbing(projection)
         without_candidate = nothing.robust()
-        before = without_candidate.loss - nothing.square_of_clipped()
+        before = without_candidate.loss - nothing.compute_clipped_loss()
         for i in map(int, np.flatnonzero(is_close)):
             with_candidate = nothing.joined(candidates[i])
             gains[i] = before - (
-                with_candidate.robust(without_candidate.weight_loss).loss
-                - with_candidate.square_of_clipped()
+                with_candidate.robust(without_candidate.weight_deficit).loss
+                - with_candidate.compute_clipped_loss()
             )
     return gains
 
@@ -83,12 +83,13 @@ def _huber(residual: F64, projection: Projection) -> float:
 class _Robust:
     """A fit of least Huber's loss.
 
-    *residual* (n, 3): of each rest; *weight_loss* (n,): by how much the rest's weight is below one.
+    *residual* (n, 3): of each rest; *weight_deficit* (n,): by how much the rest's weight is below
+    one.
     """
 
     loss: float
     residual: F64
-    weight_loss: F64
+    weight_deficit: F64
 
 
 @dataclass(frozen=True)
@@ -124,26 +125,26 @@ class _Problem:
             sides=np.vstack([self.sides, candidate_columns.T @ self.residuals]),
         )
 
-    def square_of_clipped(self) -> float:
+    def compute_clipped_loss(self) -> float:
         """Return the least half sum of squares of the clipped residual, with the priors' part."""
         towards = self.model.project(self.sides[:, 1])
         clipped = self.residuals[:, 1]
         return 0.5 * float(clipped @ clipped - towards @ towards)
 
-    def robust(self, weight_loss: F64 | None = None) -> _Robust:
+    def robust(self, weight_deficit: F64 | None = None) -> _Robust:
         """Fit with least Huber's loss to what was measured, by reweighting.
 
-        *weight_loss* (n,): by how much the first weights are below one. The loss has only one
+        *weight_deficit* (n,): by how much the first weights are below one. The loss has only one
         minimum.
         """
         n = self.projection.fit.linear.rests.n
-        weight_loss = np.zeros(n) if weight_loss is None else weight_loss
+        weight_deficit = np.zeros(n) if weight_deficit is None else weight_deficit
         raw, b = self.residuals[:, 0], self.absorbing.shape[1]
-        best = _Robust(np.inf, raw[: 3 * n].reshape(-1, 3), weight_loss)
+        best = _Robust(np.inf, raw[: 3 * n].reshape(-1, 3), weight_deficit)
         for _ in range(REWEIGHTINGS):
-            rows = np.flatnonzero(np.repeat(weight_loss > 0, 3))
+            rows = np.flatnonzero(np.repeat(weight_deficit > 0, 3))
             columns = np.hstack([self.absorbing[rows], self.candidate_columns[rows]])
-            weighted_columns = columns * np.repeat(weight_loss[weight_loss > 0], 3)[:, None]
+            weighted_columns = columns * np.repeat(weight_deficit[weight_deficit > 0], 3)[:, None]
             weighted = replace(self.model, gram=self.model.gram - weighted_columns.T @ columns)
             solution = weighted.explain(self.sides[:, 0] - weighted_columns.T @ raw[rows])
             residual = raw - self.absorbing @ solution[:b] - self.candidate_columns @ solution[b:]
@@ -152,9 +153,9 @@ class _Problem:
             gained = best.loss - loss
             of_rests = residual[: 3 * n].reshape(-1, 3)
             size = np.linalg.norm(of_rests, axis=1) * self.projection.fit.noise.stretch
-            weight_loss = 1.0 - compute_huber_weights(size)
+            weight_deficit = 1.0 - compute_huber_weights(size)
             if gained > 0.0:
-                best = _Robust(loss, of_rests, weight_loss)
+                best = _Robust(loss, of_rests, weight_deficit)
             if gained < LEAST_GAINED:
                 break
         return best

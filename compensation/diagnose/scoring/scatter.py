@@ -23,7 +23,7 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.scoring.evidence import compute_log_bayes_factors
-from armd.compensation.diagnose.scoring.memory import compute_variance_of_sums
+from armd.compensation.diagnose.scoring.noise_correlation import compute_variance_of_sums
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.bordered import compute_root_along_known
@@ -47,9 +47,11 @@ def compute_log_p_by_scatter(candidate: Candidate, projection: Projection) -> fl
     pulls /= 1.0 - np.minimum(leverage, MOST_LEVERAGE)[:, None]
     # Errors that rests share (a certified target, drift) keep their stated variance.
     scatter = float((pulls**2).sum() + m - leverage.sum()) / m  # 1: the variance of the noise
-    lasting = projection.lasting
-    if memory := lasting.memory(residual_rests):
-        larger = compute_variance_of_sums(rests, lasting.sources, memory.tau_s, lasting.sequence)
+    estimator = projection.correlation_estimator
+    if memory := estimator.estimate(residual_rests):
+        larger = compute_variance_of_sums(
+            rests, estimator.sources, memory.tau_s, estimator.sequence
+        )
         scatter *= max(memory.variance * larger, 1.0)
     # The effective number of rests that decide.
     speaking = leverage.sum() ** 2 / max(float((leverage**2).sum()), LEAST_POSITIVE)

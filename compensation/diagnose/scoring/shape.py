@@ -20,7 +20,10 @@ from armd.compensation.diagnose.constants import SHAPE_OFF, SHAPE_ORDERS
 from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import make_finding_columns
-from armd.compensation.diagnose.scoring.time_discrepancy import make_uneven_columns, may_be_uneven
+from armd.compensation.diagnose.scoring.time_discrepancy import (
+    make_time_discrepancy_columns,
+    may_have_time_discrepancy,
+)
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import TIP, Location, make_shape_location
 from armd.compensation.model.arm import Arm
@@ -49,7 +52,7 @@ class Shapes:
     candidates: tuple[Candidate | None, ...]  # per finding, its shape where it may be off
     columns: tuple[range, ...]  # of each finding's shape, numbered after the fit's nuisance columns
 
-    def without(self, current: Fit, index: int) -> list[int]:
+    def list_columns(self, current: Fit, index: int) -> list[int]:
         """Return the nuisance columns of a finding and its shape, even if that is a finding."""
         shaped = current.findings[index]
         return [
@@ -74,7 +77,7 @@ def make_shapes(current: Fit, arm: Arm) -> Shapes:
         make_finding_columns(current.linear, [c for c in candidates if c is not None], arm)
     )
     blocks = [
-        make_uneven_columns(current.linear, current.noise, c, values, arm) / SHAPE_OFF
+        make_time_discrepancy_columns(current.linear, current.noise, c, values, arm) / SHAPE_OFF
         if shape is None
         else next(shape_columns)
         for shape, c, values in zip(candidates, current.findings, current.amplitudes, strict=True)
@@ -93,7 +96,9 @@ def make_shape(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidat
     none.
     """
     joints = _joints(candidate, n_joints)
-    if not joints or is_sized(candidate) or may_be_uneven(candidate):  # or can take any shape
+    if (
+        not joints or is_sized(candidate) or may_have_time_discrepancy(candidate)
+    ):  # or can take any shape
         return None
     terms = [
         term

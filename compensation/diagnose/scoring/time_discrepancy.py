@@ -43,7 +43,7 @@ from armd.compensation.model.slow_factors import After, Period, Relaxation, Temp
 from armd.compensation.model.terms import Factor, Term
 
 
-def make_uneven_columns(
+def make_time_discrepancy_columns(
     linear: Linear, noise: RestNoise, finding: Candidate, amplitudes: F64, arm: Arm
 ) -> F64:
     """Make the columns (N, m) in mm of a finding's time discrepancy, for amplitudes of unit
@@ -51,7 +51,7 @@ def make_uneven_columns(
 
     A finding that is neither a drift nor a lag has none. Columns that show too little are dropped.
     """
-    if not may_be_uneven(finding):
+    if not may_have_time_discrepancy(finding):
         return np.zeros((len(linear.residual), 0))
     make_columns = _unsettled if is_unsettled_at_start(finding) else _strayed
     columns = np.stack(make_columns(linear, finding, amplitudes, arm), axis=1)
@@ -59,7 +59,7 @@ def make_uneven_columns(
     return visible
 
 
-def may_be_uneven(finding: Candidate) -> bool:
+def may_have_time_discrepancy(finding: Candidate) -> bool:
     """Whether a finding is a lag, or a drift in time alone."""
     return is_unsettled_at_start(finding) or (is_drift(finding) and _of_time_alone(finding))
 
@@ -83,7 +83,7 @@ def is_unsettled_at_start(finding: Candidate) -> bool:
     return finding.cause == "thermal_lag"
 
 
-def may_have_begun_anyhow(finding: Candidate) -> bool:
+def has_unknown_initial_state(finding: Candidate) -> bool:
     """Whether a finding is weighed with the starts of its sessions open: a lag of lengths.
 
     A lag of angles goes by a difference of two links. With its starts open, a lag of one link would
@@ -93,7 +93,9 @@ def may_have_begun_anyhow(finding: Candidate) -> bool:
     return is_unsettled_at_start(finding) and not any(_turns(term.parameter) for term in terms)
 
 
-def make_unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> Candidate:
+def make_initial_state_candidate(
+    linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm
+) -> Candidate:
     """Make a candidate of what fades in each session, with amplitudes of unit variance."""
     observations = linear.rests.observations
     largest_mm = [(name, mm) for name, (_, mm) in _behind(linear, lag, amplitudes, arm).items()]
@@ -214,6 +216,6 @@ def _principal(time_s: F64) -> F64:
 
 def make_slower(candidate: Candidate) -> list[Candidate]:
     """Return the candidate with longer time constants if its sessions may begin in any state."""
-    if not may_have_begun_anyhow(candidate) or candidate.elsewhere is None:
+    if not has_unknown_initial_state(candidate) or candidate.elsewhere is None:
         return []
     return [candidate.elsewhere(times * candidate.setting[0][1]) for times in SLOWER_LAGS]

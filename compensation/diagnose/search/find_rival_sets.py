@@ -126,10 +126,10 @@ class RivalSetSearch:
         not the likeliest one and another. The result is empty where no candidate explains a good
         part of the finding.
         """
-        scores, finding = self._scored.without(index), self._fit.findings[index]
+        scores, finding = self._scored.score_eligible_without(index), self._fit.findings[index]
         candidates = scores.signatures.candidates
         statistic = float(self._scored.score_findings(index).statistic[index])
-        is_able = scores.explain_as_well(statistic) & (scores.freedom > 0)
+        is_able = scores.find_partial_explanations(statistic) & (scores.freedom > 0)
         is_able &= np.array([not barred(c) for c in candidates])
         if not is_able.any():
             return []
@@ -156,7 +156,7 @@ class RivalSetSearch:
             self._work.add(scored.n_products, TRIAL_WORK, of_sets=True)
             is_barred = self._barred_candidates(scored.sums.signatures.candidates, barred)
             candidate = self._choose(
-                scored.projection, scored.scores.without(is_barred), self._tests
+                scored.projection, scored.scores.drop_candidates(is_barred), self._tests
             )
             if candidate is None:
                 break

@@ -57,7 +57,10 @@ def weigh_findings(scored: ScoredCandidates, tests: int) -> list[Finding]:
 
 def _weigh_finding(scored: ScoredCandidates, index: int, tests: int) -> Finding:
     candidate = scored.fit.findings[index]
-    of_findings, scores = scored.score_findings_without_acting(index), scored.without(index)
+    of_findings, scores = (
+        scored.score_findings_without_acting(index),
+        scored.score_eligible_without(index),
+    )
     logs = scores.log_places()
     logs |= _weigh_steps_at_instant(scored, index, scores)
     _add_gains_of_shapes(logs, scored, index, scores)

@@ -197,7 +197,7 @@ class Search:
         """Rename one finding if, given all others, another name is clearly likelier."""
         survey = self.survey
         for i, candidate in enumerate(current.findings):
-            scores = scored.without(i)
+            scores = scored.score_eligible_without(i)
             places = scores.log_places()
             best = max(places, key=lambda key: places[key])
             if best == candidate.place:

@@ -53,7 +53,7 @@ def choose_candidate(projection: Projection, scores: Scores, tests: int) -> Cand
     if not is_significant(scores.log_p, tests).any():
         return None
     candidates, weight, log_p = _refined(scores, projection)
-    alike = np.flatnonzero(scores.explain_as_well(scores.statistic.max()))
+    alike = np.flatnonzero(scores.find_partial_explanations(scores.statistic.max()))
     clipped = weight
     if log_p.min() < STRONG:
         weight = _with_own_tails(weight, alike, candidates, projection)
@@ -257,7 +257,7 @@ def choose_shape(scored: ScoredCandidates, tests: int) -> Candidate | None:
         return None
     sums = score_candidates(scored.projection, list(shapes_by_finding.values())).sums
     log_p = {
-        i: float(score(sums, scored.projection.place[shapes.columns[i]]).log_p[j])
+        i: float(score(sums, scored.projection.shared_number[shapes.columns[i]]).log_p[j])
         for j, i in enumerate(shapes_by_finding)
     }
     best = min(log_p, key=lambda i: log_p[i])

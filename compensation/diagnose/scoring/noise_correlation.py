@@ -16,7 +16,7 @@ left in the residual.
 
 from __future__ import annotations
 
-from collections.abc import Sequence as Several
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -36,7 +36,7 @@ from armd.compensation.diagnose.problem.linear import Rests
 
 
 @dataclass(frozen=True)
-class Sequence:
+class RestOrder:
     """The rests in the order in which they were measured, placement by placement."""
 
     order: I64  # (n,)
@@ -45,7 +45,7 @@ class Sequence:
     posture: I64  # (n,) in that order; copies of one posture share more than noise with a memory
 
     @classmethod
-    def from_rests(cls, placement: I64, time_s: F64, posture: I64 | None = None) -> Sequence:
+    def from_rests(cls, placement: I64, time_s: F64, posture: I64 | None = None) -> RestOrder:
         """Sort rests by placement (n,) and time (n,).
 
         *posture* (n,): the posture of each rest; without it each rest has its own.
@@ -67,7 +67,7 @@ class Sequence:
 
 
 @dataclass(frozen=True)
-class NoiseMemory:
+class CorrelatedNoise:
     """The time constant τ in s of a noise with memory, and its variance over the stated one."""
 
     tau_s: float
@@ -75,7 +75,7 @@ class NoiseMemory:
 
 
 @dataclass(frozen=True)
-class Lasting:
+class CorrelationEstimator:
     """The rests from which the memory of the noise is estimated.
 
     *sources* (n, 3, s): how a rest moves, in units of its noise, with each independent source of
@@ -84,20 +84,22 @@ class Lasting:
     """
 
     sources: F64
-    sequence: Sequence
-    absorbed: Several[tuple[I64, F64]] = ()
+    sequence: RestOrder
+    absorbed: Sequence[tuple[I64, F64]] = ()
 
     @classmethod
-    def from_rests(cls, rests: Rests, sources: F64, absorbed: Several[tuple[I64, F64]]) -> Lasting:
+    def from_rests(
+        cls, rests: Rests, sources: F64, absorbed: Sequence[tuple[I64, F64]]
+    ) -> CorrelationEstimator:
         """Make it of rests in the order of their observations."""
         observations = rests.observations
         # Points and orientations are separate sequences.
         group = observations.turned * len(observations.placement_names)
         placement, time_s = observations.placement + group, observations.states.time_s
-        sequence = Sequence.from_rests(placement, time_s, rests.posture)
+        sequence = RestOrder.from_rests(placement, time_s, rests.posture)
         return cls(sources, sequence, absorbed)
 
-    def memory(self, residual: F64) -> NoiseMemory | None:
+    def estimate(self, residual: F64) -> CorrelatedNoise | None:
         """Return the memory of the *residual* (n, 3), in units of its noise; None if not
         significant.
         """
@@ -121,7 +123,7 @@ class Lasting:
         if correlation < LEAST_CORRELATION:  # too much is absorbed for any memory to show
             return None
         variance = float(variance_shares[0] / np.interp(correlation, tried, variance_shares))
-        return NoiseMemory(-self._usual_s / float(np.log(correlation)), variance)
+        return CorrelatedNoise(-self._usual_s / float(np.log(correlation)), variance)
 
     @cached_property
     def _neighbours(self) -> tuple[I64, I64]:
@@ -205,7 +207,9 @@ def _list_tried() -> list[float]:
     return [0.0, *(c for c in CORRELATIONS_TRIED if c < MOST_CORRELATION), MOST_CORRELATION]
 
 
-def compute_variance_of_sums(weights: F64, sources: F64, tau_s: float, sequence: Sequence) -> float:
+def compute_variance_of_sums(
+    weights: F64, sources: F64, tau_s: float, sequence: RestOrder
+) -> float:
     """Return the variance of weighted sums of a noise with memory, over that of independent rests.
 
     *weights* (n, 3, m) and *sources* (n, 3, s) of a noise of unit variance; the variances are
