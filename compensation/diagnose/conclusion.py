@@ -24,7 +24,7 @@ from armd.compensation.diagnose.fitting.free_expansion import report_growth
 from armd.compensation.diagnose.fitting.under_test import has_reflectors
 from armd.compensation.diagnose.heldout.gain import compute_gain, compute_gains, group_readings
 from armd.compensation.diagnose.heldout.later_gain import predict_later_gain
-from armd.compensation.diagnose.heldout.open_constants import keep_open_constants
+from armd.compensation.diagnose.heldout.open_constants import add_open_constants
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.search.work import WorkBudget
@@ -202,7 +202,7 @@ def _write_extension(
     left_out = [c for i, c in enumerate(last.findings) if i not in numbers]
     model = follow_solution(model, arm)
     calibration = extend_calibration(model, arm, sessions, command, left_out, written.growth)
-    return keep_open_constants(calibration, last, numbers, arm, sessions)
+    return add_open_constants(calibration, last, numbers, arm, sessions)
 
 
 def reduce_odds(findings: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:

@@ -36,6 +36,7 @@ from armd.compensation.diagnose.fitting.under_test import (
     make_model_under_test,
 )
 from armd.compensation.diagnose.heldout.cross_validation import validate_in_turn
+from armd.compensation.diagnose.heldout.fold_residuals import compare_heldout
 from armd.compensation.diagnose.heldout.gain import compute_gains, group_readings
 from armd.compensation.diagnose.heldout.refutation import (
     describe_refuted,
@@ -43,7 +44,6 @@ from armd.compensation.diagnose.heldout.refutation import (
     is_refuted,
     select_refuted,
 )
-from armd.compensation.diagnose.heldout.sets import compare_heldout
 from armd.compensation.diagnose.heldout.validation import (
     compute_squares_on_sessions,
     validate_by_placement,

@@ -142,7 +142,7 @@ class ValidatedFindings:
     numbers: tuple[int, ...]
     before: F64
     after: F64
-    #: by finding, where the repeated search is uninformative: gains of the look that validates it
+    #: by finding, where the repeated search is uninformative: gains of the scheme that validates it
     gains: dict[int, Gain]
     by: JudgedBy = ""
     contradicted_later: tuple[int, ...] = ()  # confirmed, but later readings contradict

@@ -11,7 +11,7 @@ import pytest
 
 from armd.arrays import F64
 from armd.compensation.diagnose.extend import extend_calibration
-from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.fitting.refit import solve_with_findings
 from armd.compensation.diagnose.problem.acting_causes import (
     add_acting,
     find_acting,
@@ -123,7 +123,7 @@ def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(
     last = fitted(own, [gradient, offset])
     about = make_projection(last, ARM)
     beside = score_candidates(about, both)
-    neither = make_projection(solve_again(last, [], ARM), ARM)
+    neither = make_projection(solve_with_findings(last, [], ARM), ARM)
     itself = score_candidates(neither, last.findings[:1]).scores.statistic[0]
     assert beside.score_findings_without_acting(0).statistic[0] == pytest.approx(itself, rel=1e-6)
     assert (

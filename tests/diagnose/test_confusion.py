@@ -25,7 +25,7 @@ def likeness(angle_deg: float, monkeypatch: pytest.MonkeyPatch, shared: float = 
     residual = 10.0 * first + noise + 7.0 * placement
     fit = small_fit(residual, placement[:, None], {OWN: columns[OWN]})
     arm = None
-    (found,) = confusion.compare(OWN, [RIVAL], fit, arm)  # type: ignore[arg-type]
+    (found,) = confusion.compute_likeness(OWN, [RIVAL], fit, arm)  # type: ignore[arg-type]
     return found
 
 
@@ -36,7 +36,7 @@ def test_the_angle_is_that_beside_what_absorbs(angle_deg, shared, monkeypatch) -
     assert found.angle_deg == pytest.approx(angle_deg, abs=0.02 if shared else 1e-6)
     # What the finding adds beside the rival: 10 units along it, less what the rival takes.
     expected = chi2.sf((10.0 * np.sin(np.radians(angle_deg))) ** 2, 1)
-    assert found.left_p == pytest.approx(expected, rel=0.05)
+    assert found.remaining_p == pytest.approx(expected, rel=0.05)
 
 
 def test_what_the_placement_takes_but_for_a_millionth_looks_like_nothing(monkeypatch) -> None:
@@ -46,4 +46,4 @@ def test_what_the_placement_takes_but_for_a_millionth_looks_like_nothing(monkeyp
 def test_a_rival_of_the_same_signature_leaves_nothing(monkeypatch) -> None:
     found = likeness(0.0, monkeypatch)
     assert found.angle_deg == pytest.approx(0.0, abs=1e-4)
-    assert found.left_p == 1.0
+    assert found.remaining_p == 1.0

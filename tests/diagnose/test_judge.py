@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.constants import CHANGED_PRIOR, MOST_SQUARES, MOST_WORSE
-from armd.compensation.diagnose.heldout.judge import Judge, Look
+from armd.compensation.diagnose.heldout.judge import HoldoutScheme, Judge
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.slow_factors import Time
@@ -29,12 +29,12 @@ NOTHING, ONE, GROWN = ((), False), ((0,), False), ((0,), True)
 
 
 def judge(
-    *looks: dict[Any, np.ndarray | float],
+    *schemes: dict[Any, np.ndarray | float],
     findings: Sequence[Candidate] = (),
     deaf: bool = False,
     later: dict[Any, float] | None = None,
 ) -> Judge:
-    """Each look by its squared residuals of a model, as multiples of `PATTERN` or row by row."""
+    """Each scheme by its squared residuals of a model, as multiples of `PATTERN` or row by row."""
 
     def squares_of(table: dict[Any, Any]) -> Any:
         return lambda some, growth: PATTERN * table[(tuple(some), growth)]
@@ -42,27 +42,27 @@ def judge(
     last: Any = SimpleNamespace(findings=tuple(findings) or (candidate("encoder_scale", 1),))
     return Judge(
         last,
-        [Look(squares_of(table), GROUPS) for table in looks],
+        [HoldoutScheme(squares_of(table), GROUPS) for table in schemes],
         lambda _finding, _some: deaf,
         None if later is None else squares_of(later),
     )
 
 
 def test_what_predicts_better_is_shown_with_its_figures() -> None:
-    shown = judge({NOTHING: 4.0, ONE: 1.0}).find_confirming_look(NOTHING, ONE)
+    shown = judge({NOTHING: 4.0, ONE: 1.0}).find_confirming_scheme(NOTHING, ONE)
     assert shown is not None and shown[0] == 0
     assert shown[1].before_um == pytest.approx(2.0 * shown[1].after_um)
     assert shown[1].after_um == pytest.approx(1e3 * math.sqrt(PATTERN.mean()))
-    assert judge({NOTHING: 1.0, ONE: 1.0}).find_confirming_look(NOTHING, ONE) is None
-    assert judge({NOTHING: 1.0, ONE: 1.1}).find_confirming_look(NOTHING, ONE) is None
+    assert judge({NOTHING: 1.0, ONE: 1.0}).find_confirming_scheme(NOTHING, ONE) is None
+    assert judge({NOTHING: 1.0, ONE: 1.1}).find_confirming_scheme(NOTHING, ONE) is None
 
 
-def test_a_further_look_speaks_only_where_the_first_is_not_against_it() -> None:
+def test_a_further_scheme_speaks_only_where_the_first_is_not_against_it() -> None:
     same, worse, better = {NOTHING: 1.0, ONE: 1.0}, {NOTHING: 1.0, ONE: 1.5}, {NOTHING: 4.0, ONE: 1}
-    shown = judge(same, better).find_confirming_look(NOTHING, ONE)
+    shown = judge(same, better).find_confirming_scheme(NOTHING, ONE)
     assert shown is not None and shown[0] == 1
-    assert judge(worse, better).find_confirming_look(NOTHING, ONE) is None
-    heard = judge(worse, better, deaf=True).find_confirming_look(NOTHING, ONE)
+    assert judge(worse, better).find_confirming_scheme(NOTHING, ONE) is None
+    heard = judge(worse, better, deaf=True).find_confirming_scheme(NOTHING, ONE)
     assert heard is not None and heard[0] == 1
 
 
@@ -72,9 +72,9 @@ def test_gross_readings_do_not_decide_but_may_not_be_harmed() -> None:
     before = 4.0 * np.ones(N)
     before[:4] = 1e4
     # All the others halve; the gross ones stay.
-    assert judge({NOTHING: before, ONE: gross}).find_confirming_look(NOTHING, ONE) is not None
+    assert judge({NOTHING: before, ONE: gross}).find_confirming_scheme(NOTHING, ONE) is not None
     gross[:4] *= (1.0 + 2.0 * MOST_WORSE) ** 2
-    assert judge({NOTHING: before, ONE: gross}).find_confirming_look(NOTHING, ONE) is None
+    assert judge({NOTHING: before, ONE: gross}).find_confirming_scheme(NOTHING, ONE) is None
 
 
 def test_a_drift_must_foretell_what_came_after() -> None:
@@ -110,10 +110,10 @@ def test_doubt_is_a_likelihood_ratio_down_to_that_the_arm_changed() -> None:
     assert judge({NOTHING: 1.0, ONE: 1.5}, deaf=True).compute_odds_factor(0, NOTHING, ONE) == 1.0
 
 
-def test_growth_is_judged_by_the_last_look() -> None:
+def test_growth_is_judged_by_the_last_scheme() -> None:
     first = {ONE: 1.0, GROWN: 5.0}
-    assert judge(first, {ONE: 1.0, GROWN: 0.99}).predicts_better((0,))
-    assert not judge(first, {ONE: 1.0, GROWN: 1.01}).predicts_better((0,))
+    assert judge(first, {ONE: 1.0, GROWN: 0.99}).predicts_better_with_growth((0,))
+    assert not judge(first, {ONE: 1.0, GROWN: 1.01}).predicts_better_with_growth((0,))
 
 
 def test_a_model_is_worked_out_once() -> None:
@@ -124,6 +124,6 @@ def test_a_model_is_worked_out_once() -> None:
         return PATTERN
 
     nothing: Any = SimpleNamespace(findings=())
-    one = Judge(nothing, [Look(squares, GROUPS)], lambda *_: False, None)
+    one = Judge(nothing, [HoldoutScheme(squares, GROUPS)], lambda *_: False, None)
     one.errors(NOTHING), one.errors(NOTHING), one.errors(ONE)
     assert asked == [NOTHING, ONE]

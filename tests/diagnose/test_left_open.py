@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.heldout import open_constants
-from armd.compensation.diagnose.heldout.open_constants import keep_open_constants
+from armd.compensation.diagnose.heldout.open_constants import add_open_constants
 from armd.compensation.diagnose.problem.baseline import (
     LEFT_OPEN,
     collect_identified,
@@ -59,7 +59,7 @@ def ways_of(content: Calibration) -> list[dict[str, Any]]:
 
 
 def test_each_finding_left_out_says_how_it_would_move_the_constants(last: Any) -> None:
-    said = keep_open_constants(calibration(0), last, [0], ARM, [])
+    said = add_open_constants(calibration(0), last, [0], ARM, [])
     ways = ways_of(said)
     assert [way["finding"] for way in ways] == ["encoder_scale joint 2", "encoder_scale joint 3"]
     for way, i in zip(ways, (1, 2), strict=True):
@@ -69,21 +69,21 @@ def test_each_finding_left_out_says_how_it_would_move_the_constants(last: Any) -
 
 def test_with_all_written_nothing_is_open(last: Any) -> None:
     written = calibration(0, 1, 2)
-    assert keep_open_constants(written, last, [0, 1, 2], ARM, []) is written
+    assert add_open_constants(written, last, [0, 1, 2], ARM, []) is written
 
 
 def test_what_was_open_before_stays_so_only_where_nothing_new_is_known(last: Any) -> None:
     before = {"finding": "axis_wobble joint 2", "moves": {"a_2": 0.3, "theta_3": 0.0}}
     earlier = {"diagnosis": {"earlier": {LEFT_OPEN: [before]}}}
-    nothing = keep_open_constants(calibration(provenance=earlier), last, [], ARM, [])
+    nothing = add_open_constants(calibration(provenance=earlier), last, [], ARM, [])
     assert ways_of(nothing)[0] == before and len(ways_of(nothing)) == 4
-    some = keep_open_constants(calibration(0, provenance=earlier), last, [0], ARM, [])
+    some = add_open_constants(calibration(0, provenance=earlier), last, [0], ARM, [])
     assert len(ways_of(some)) == 2
 
 
 def test_a_diagnosis_under_it_takes_each_way_as_one_standard_uncertainty(last: Any) -> None:
     """Covariance + Σ m mᵀ, where the calibration is held; as it stands where it is not."""
-    said = keep_open_constants(calibration(0), last, [0], ARM, [])
+    said = add_open_constants(calibration(0), last, [0], ARM, [])
     own = np.array([[1e-6, 0.0], [0.0, 1e-12]])
     moves = np.array([MOVES[1], MOVES[2]])
     for held, expected in ((True, own + moves.T @ moves), (False, own)):

@@ -12,8 +12,8 @@ from armd.compensation.diagnose.fitting.fit import find_determined_columns
 from armd.compensation.diagnose.fitting.refit import (
     Refits,
     make_refits_without,
-    solve_again,
     solve_shared_again,
+    solve_with_findings,
 )
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import Nuisance
@@ -117,7 +117,7 @@ def test_with_other_findings_it_is_the_same_solution(monkeypatch: pytest.MonkeyP
     known, arm = whitened_by(known, whitener), synthetic.arm()
     alone = np.arange(known.layout.blocks.n - 3) < 12  # two of three poses; no findings
     found = solve_shared_again(known, others, arm, alone)
-    expected = solve_again(known, others, arm)
+    expected = solve_with_findings(known, others, arm)
     np.testing.assert_allclose(found.solution, expected.solution[12:], atol=1e-10)
     for one, other in zip(found.covariances, expected.covariances, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-10)

@@ -32,7 +32,7 @@ from armd.compensation.diagnose.predictive.curves import (
     _sum_up,
     make_layout,
 )
-from armd.compensation.diagnose.predictive.scores import compute_scores, solve_again
+from armd.compensation.diagnose.predictive.scores import compute_scores, solve_with_noise
 from armd.compensation.diagnose.predictive.strength import Strength, make_features
 from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums, ShapeSums
 from armd.compensation.report.diagnosis.predictive_plot import (
@@ -139,7 +139,7 @@ def test_a_refit_takes_of_data_what_least_squares_takes() -> None:
     fit = a_fit(rng)
     columns = fit.nuisance.columns.to_dense()[:, :6]
     left = fit.residual - columns @ np.linalg.lstsq(columns, fit.residual, rcond=None)[0]
-    again = solve_again(fit, replace(unit_noise(N), scale_mm=1.0))
+    again = solve_with_noise(fit, replace(unit_noise(N), scale_mm=1.0))
     assert np.abs(again.residual - again.fitted - left).max() < 1e-9
 
 
@@ -177,7 +177,7 @@ def test_curves_scatter_as_those_of_sets_that_are_drawn_and_refitted(size: int) 
     prior = np.diag([0.0] * 4 + [0.01] * 4)
     taken = columns @ np.linalg.solve(columns.T @ weighted + prior, weighted.T @ drawn)
     left = (drawn - taken).reshape(N, 3, -1)
-    again = solve_again(replace(fit, residual=drawn[:, 0]), noise)
+    again = solve_with_noise(replace(fit, residual=drawn[:, 0]), noise)
 
     order = rng.permutation(N)
     starts = np.arange(N)[:: N // 10] if size == 10 else np.arange(N)
@@ -219,7 +219,7 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
         rng = np.random.default_rng([seed, 5])
         fit = a_fit(rng)
         layout = make_layout([ten_bins(rng)], fit.nuisance.columns)
-        for curve in _make_curves(_sum_up(solve_again(fit, fit.noise), layout), layout, even):
+        for curve in _make_curves(_sum_up(solve_with_noise(fit, fit.noise), layout), layout, even):
             low.append(curve.p_value <= 0.1)
             high.append(curve.p_value > 0.3)
     # Of few bins the share is coarse: p-values stand on few steps, none too small too often.
@@ -231,7 +231,7 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     step[bins.order[:48]] = 3.0 * fit.linear.joints[bins.order[:48], :, 1]
     planted = replace(fit, residual=fit.residual + step.ravel())
     layout = make_layout([bins], fit.nuisance.columns)
-    sums = _sum_up(solve_again(planted, fit.noise), layout)
+    sums = _sum_up(solve_with_noise(planted, fit.noise), layout)
     first, second = _make_curves(sums, layout, even)
     assert second.outside >= 0.4 and second.p_value <= 0.01
     assert (np.abs(second.mean[:4] - 3.0) < 1.0).all()
@@ -251,7 +251,7 @@ def test_copies_share_noise_within_their_posture_only() -> None:
     assert Copies.from_fit(fit, fit.nuisance.columns) is None
     fit.linear.rests.posture = np.array([0, 0, 0, 1, 2, 2])
     noise = fit.noise.with_shared_part(0.5, fit.linear.rests.posture)
-    fit = solve_again(replace(fit, baseline=SimpleNamespace(is_given=False)), noise)
+    fit = solve_with_noise(replace(fit, baseline=SimpleNamespace(is_given=False)), noise)
     copies = Copies.from_fit(fit, fit.nuisance.columns.whitened(noise.whitener, np.ones(0)))
     assert copies is not None and copies.number.tolist() == [0, 0, 0, -1, 1, 1]
     # Three copies count as 3 / (1 + 2 · 0.5), each as a half; two as two thirds each.
@@ -280,7 +280,7 @@ def test_what_is_wholly_absorbed_is_never_outside() -> None:
     fit = small_fit(residual, free)
     linear: Any = SimpleNamespace(rests=fit.linear.rests, residual=residual, joints=joints)
     held: Any = SimpleNamespace(is_given=False)
-    again = solve_again(replace(fit, linear=linear, baseline=held), fit.noise)
+    again = solve_with_noise(replace(fit, linear=linear, baseline=held), fit.noise)
     layout = make_layout([bins], again.nuisance.columns)
     absorbed, other = _make_curves(_sum_up(again, layout), layout, np.ones(JOINTS))
     assert absorbed.outside == 0.0 and absorbed.p_value == 1.0
@@ -294,7 +294,7 @@ def test_noise_spreads_along_each_component_as_the_models_sets_do() -> None:
     for seed in range(20):
         fit = a_fit(np.random.default_rng([seed, 8]))
         layout = make_layout([ten_bins(np.random.default_rng(seed))], fit.nuisance.columns)
-        spread.append(_sum_up(solve_again(fit, fit.noise), layout).spread)
+        spread.append(_sum_up(solve_with_noise(fit, fit.noise), layout).spread)
     # χ² of 114 degrees of freedom a component and set.
     assert np.square(spread).mean() == pytest.approx(1.0, abs=0.06)
 

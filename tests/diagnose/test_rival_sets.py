@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm, ttest_1samp
 
 from armd.compensation.diagnose.diagnosis import Finding, Rival, RivalCauses
-from armd.compensation.diagnose.heldout.sets import count_standard_errors
+from armd.compensation.diagnose.heldout.fold_residuals import count_standard_errors
 from armd.compensation.diagnose.scoring.confusion import Likeness
 from armd.compensation.diagnose.scoring.shape import locate_shape
 from armd.compensation.diagnose.search import rival_sets
@@ -24,7 +24,7 @@ GEARS, SENSOR = candidate("gear_mesh", 1), candidate("sensor_offset", 2)
 def told(monkeypatch: pytest.MonkeyPatch, *rivals: tuple[list[Candidate], float]) -> list[Finding]:
     """A wobble (P = 0.9, a slip is its rival) and a length's expansion beside sets."""
     monkeypatch.setattr(
-        rival_sets, "compare", lambda _, others, *__: [Likeness(7.0, 0.5) for _ in others]
+        rival_sets, "compute_likeness", lambda _, others, *__: [Likeness(7.0, 0.5) for _ in others]
     )
     some = np.ones((3 * N, 1))
     last = small_fit(np.zeros(3 * N), some, {WOBBLE: some, LENGTH: some})

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.constants import TURN_RATIOS
-from armd.compensation.diagnose.noise.turns import compute_fitted_share, estimate_turn_ratio
+from armd.compensation.diagnose.noise.turns import compute_fitted_freedom, estimate_turn_ratio
 from armd.compensation.diagnose.problem.whitening import compute_turn_ratio
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from support.small_fit import unit_noise
@@ -59,5 +59,7 @@ def test_a_fit_takes_of_orientations_as_much_as_columns_that_are_theirs_alone() 
     dense = values.reshape(-1, 5)
     blocks = Blocks(2 * N, 5, (Piece(rests, columns, values),), np.zeros((0, 5)))
     noise = replace(unit_noise(2 * N), turned=TURNED)
-    assert compute_fitted_share(blocks, np.linalg.inv(dense.T @ dense), noise) == pytest.approx(2.0)
-    assert compute_fitted_share(blocks, np.eye(5), unit_noise(2 * N)) == 0.0
+    assert compute_fitted_freedom(blocks, np.linalg.inv(dense.T @ dense), noise) == pytest.approx(
+        2.0
+    )
+    assert compute_fitted_freedom(blocks, np.eye(5), unit_noise(2 * N)) == 0.0

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.fitting.refit import Refits, solve_again
+from armd.compensation.diagnose.fitting.refit import Refits, solve_with_findings
 from armd.compensation.diagnose.heldout.gain import compute_gain
-from armd.compensation.diagnose.heldout.judge import Look
+from armd.compensation.diagnose.heldout.judge import HoldoutScheme
 from armd.compensation.diagnose.heldout.validation import (
     choose_validated_findings,
     may_go_on_otherwise,
@@ -55,8 +55,8 @@ def squares_of(worth: dict[tuple[int, ...], float], grown: float = 1.0) -> Any:
     return squares
 
 
-def look(worth: dict[tuple[int, ...], float], grown: float = 1.0) -> Look:
-    return Look(squares_of(worth, grown), GROUPS)
+def scheme(worth: dict[tuple[int, ...], float], grown: float = 1.0) -> HoldoutScheme:
+    return HoldoutScheme(squares_of(worth, grown), GROUPS)
 
 
 SHAPE = Candidate(
@@ -93,7 +93,7 @@ SHAPE = Candidate(
 def test_which_findings_are_written(
     findings: Any, worth: dict[tuple[int, ...], float], numbers: tuple[int, ...], doubted: set[int]
 ) -> None:
-    chosen = choose_validated_findings(findings, [look(worth)], [True] * len(findings.findings))
+    chosen = choose_validated_findings(findings, [scheme(worth)], [True] * len(findings.findings))
     assert chosen.numbers == numbers
     assert set(chosen.doubts) == doubted
 
@@ -103,11 +103,11 @@ def test_a_drift_that_makes_later_readings_worse_is_told_and_not_written() -> No
     along = Time(since_unix_s=0.0, until_unix_s=9.0)
     terms = tie([("theta_1", 1.0)], along)
     drift = Candidate("geometry_shift", location.joint(1), (Column("a", "1", 1.0, terms),), ())
-    looks = [look({(): 4.0, (0,): 3.0, (1,): 3.8, (0, 1): 2.5})]
+    schemes = [scheme({(): 4.0, (0,): 3.0, (1,): 3.8, (0, 1): 2.5})]
     for after, expected in ((4.1, ((1,), (0,))), (3.9, ((0, 1), ()))):
         later = squares_of({(): 4.0, (0,): after, (1,): 9.0, (0, 1): 9.1})
         chosen = choose_validated_findings(
-            search_of(drift, cause(2)), looks, [True, True], later=later
+            search_of(drift, cause(2)), schemes, [True, True], later=later
         )
         assert (chosen.numbers, chosen.contradicted_later) == expected
 
@@ -123,13 +123,13 @@ def test_a_temperature_that_stands_in_for_a_drift_is_asked_for_later_readings_to
         for k, f in ((1, along), (2, warm))
     )
     worth = {(): 4.0, (0,): 4.1, (1,): 3.0, (2,): 3.5, (0, 1): 3.1, (0, 2): 3.6, (1, 2): 2.5}
-    looks = [look(worth | {(0, 1, 2): 2.6})]
+    schemes = [scheme(worth | {(0, 1, 2): 2.6})]
     later = squares_of({some: 4.0 + sum(some) for some in (*worth, (0, 1, 2))})
     chosen = choose_validated_findings(
-        search_of(drift, expansion, cause(3)), looks, [True] * 3, later=later
+        search_of(drift, expansion, cause(3)), schemes, [True] * 3, later=later
     )
     assert (chosen.numbers, chosen.contradicted_later) == ((2,), (1,))
-    chosen = choose_validated_findings(search_of(drift, expansion, cause(3)), looks, [True] * 3)
+    chosen = choose_validated_findings(search_of(drift, expansion, cause(3)), schemes, [True] * 3)
     assert chosen.numbers == (1, 2)
 
 
@@ -155,7 +155,7 @@ def test_readings_held_out_make_doubtful_what_they_contradict() -> None:
     n = len(GROUPS)
     for share, expected in ((1.0, None), (1.0 + 2.0 / (1.5 * n), np.exp(-2.0)), (1.2, 0.05)):
         worth = {(): 4.0, (0,): 3.0, (1,): 4.0 * share, (0, 1): 3.0 * share}
-        chosen = choose_validated_findings(causes(2), [look(worth)], [True] * 2)
+        chosen = choose_validated_findings(causes(2), [scheme(worth)], [True] * 2)
         assert chosen.numbers == (0,)
         assert chosen.doubts == {1: pytest.approx(1.0 if expected is None else expected)}
 
@@ -163,8 +163,8 @@ def test_readings_held_out_make_doubtful_what_they_contradict() -> None:
 def test_where_the_repeated_search_tells_nothing_the_placements_left_out_state_the_gain() -> None:
     """What is written must not stand beside figures of a search that found something else."""
     worth = {(): 4.0, (0,): 3.0, (1,): 3.5, (0, 1): 2.0}
-    assert choose_validated_findings(causes(2), [look(worth)], [True] * 2).gains == {}
-    chosen = choose_validated_findings(causes(2), [look(worth)], [True] * 2, repeated_tells=False)
+    assert choose_validated_findings(causes(2), [scheme(worth)], [True] * 2).gains == {}
+    chosen = choose_validated_findings(causes(2), [scheme(worth)], [True] * 2, repeated_tells=False)
     assert (chosen.numbers, chosen.by) == ((0, 1), "placements left out")
     rms_um = {some: 1e3 * np.sqrt(squares_of(worth)(some, False).mean()) for some in worth}
     for i, (before, after) in enumerate((((), (0,)), ((0,), (0, 1)))):
@@ -173,12 +173,14 @@ def test_where_the_repeated_search_tells_nothing_the_placements_left_out_state_t
 
 
 def test_nothing_is_written_that_could_not_be_found_again() -> None:
-    assert choose_validated_findings(causes(1), [look({(): 4.0, (0,): 3.0})], [False]).numbers == ()
+    assert (
+        choose_validated_findings(causes(1), [scheme({(): 4.0, (0,): 3.0})], [False]).numbers == ()
+    )
 
 
 def test_what_one_placement_shows_its_targets_bear_out() -> None:
     """Without that placement nobody knows of it: no gain there is no word against it."""
-    silent, shown, harm = (look({(): 4.0, (0,): after}) for after in (4.0, 2.0, 4.5))
+    silent, shown, harm = (scheme({(): 4.0, (0,): after}) for after in (4.0, 2.0, 4.5))
     assert choose_validated_findings(causes(1), [silent, shown], [True]).numbers == (0,)
     assert choose_validated_findings(causes(1), [harm, shown], [True]).numbers == ()
     deaf = choose_validated_findings(causes(1), [harm, shown], [True], lambda _finding, _some: True)
@@ -188,17 +190,17 @@ def test_what_one_placement_shows_its_targets_bear_out() -> None:
 
 def test_placements_hear_a_finding_that_only_another_one_hides_from_them() -> None:
     """Beside the other, one placement alone shows it; by itself they all do, and contradict it."""
-    looks = [
-        look({(): 4.0, (0,): 4.4, (1,): 4.6, (0, 1): 4.8}),
-        look({(): 4.0, (0,): 3.0, (1,): 3.0, (0, 1): 2.0}),  # by target
+    schemes = [
+        scheme({(): 4.0, (0,): 4.4, (1,): 4.6, (0, 1): 4.8}),
+        scheme({(): 4.0, (0,): 3.0, (1,): 3.0, (0, 1): 2.0}),  # by target
     ]
 
     def beside_the_other(finding: int, some: tuple[int, ...]) -> bool:
         return finding == 0 and 1 in some
 
-    assert choose_validated_findings(causes(2), looks, [True] * 2, beside_the_other).numbers == ()
+    assert choose_validated_findings(causes(2), schemes, [True] * 2, beside_the_other).numbers == ()
     assert choose_validated_findings(
-        causes(2), looks, [True] * 2, lambda finding, _: finding == 0
+        causes(2), schemes, [True] * 2, lambda finding, _: finding == 0
     ).numbers == (0,)
 
 
@@ -212,36 +214,39 @@ def test_gross_readings_have_no_voice_but_a_finding_that_makes_them_worse_is_not
             gross, 4000.0 * (worse if some else 1.0), usual(some, growth)
         )
 
-    assert choose_validated_findings(causes(1), [Look(squares(1.0), GROUPS)], [True]).numbers == (
-        0,
+    assert choose_validated_findings(
+        causes(1), [HoldoutScheme(squares(1.0), GROUPS)], [True]
+    ).numbers == (0,)
+    assert (
+        choose_validated_findings(causes(1), [HoldoutScheme(squares(1.2), GROUPS)], [True]).numbers
+        == ()
     )
-    assert choose_validated_findings(causes(1), [Look(squares(1.2), GROUPS)], [True]).numbers == ()
 
 
 def test_the_first_links_growth_is_written_only_where_held_out_readings_bear_it_out() -> None:
     worth = {(): 4.0, (0,): 3.0}
     for grown, expected in ((0.7, True), (1.0, False), (1.3, False)):
-        chosen = choose_validated_findings(causes(1), [look(worth, grown)], [True], growth=True)
+        chosen = choose_validated_findings(causes(1), [scheme(worth, grown)], [True], growth=True)
         assert (chosen.numbers, chosen.growth) == ((0,), expected)
         assert chosen.after.sum() < chosen.before.sum()
     chosen = choose_validated_findings(
-        causes(1), [look({(): 4.0, (0,): 4.0}, 0.5)], [True], growth=True
+        causes(1), [scheme({(): 4.0, (0,): 4.0}, 0.5)], [True], growth=True
     )
     assert (chosen.numbers, chosen.growth) == ((), False)
     assert (chosen.after == chosen.before).all()
 
 
-def test_a_look_that_is_deaf_to_the_first_links_growth_does_not_speak_of_it() -> None:
+def test_a_scheme_that_is_deaf_to_the_first_links_growth_does_not_speak_of_it() -> None:
     """The one ramp that shows the growth was left out whole: the others cannot foretell it."""
     worth = {(): 4.0, (0,): 3.0}
     for by_target, expected in ((0.99, True), (1.01, False)):
-        looks = [look(worth, grown) for grown in (1.2, by_target)]
+        schemes = [scheme(worth, grown) for grown in (1.2, by_target)]
         chosen = choose_validated_findings(
-            causes(1), looks, [True], growth=True, cannot_see_growth=True
+            causes(1), schemes, [True], growth=True, cannot_see_growth=True
         )
         assert (chosen.numbers, chosen.growth) == ((0,), expected)
         assert chosen.after.sum() == pytest.approx(0.75 * chosen.before.sum())
-        heard = choose_validated_findings(causes(1), looks, [True], growth=True)
+        heard = choose_validated_findings(causes(1), schemes, [True], growth=True)
         assert not heard.growth
 
 
@@ -304,7 +309,7 @@ def test_some_of_the_findings_are_fitted_as_if_there_were_no_others(disturbed: A
     assert len(last.findings) == 2
     for some in ((), (0,), (1,), (0, 1)):
         short = Refits(last).with_subset(some)
-        anew = solve_again(last, [last.findings[i] for i in some], arm)
+        anew = solve_with_findings(last, [last.findings[i] for i in some], arm)
         assert short.fitted == pytest.approx(anew.fitted, abs=1e-7)
         for one, other in zip(short.amplitudes, anew.amplitudes, strict=True):
             assert one == pytest.approx(other, rel=1e-4)

@@ -6,7 +6,7 @@ import pytest
 from armd.compensation.diagnose.fitting.refit import (
     make_refits_without,
     set_findings,
-    solve_again,
+    solve_with_findings,
 )
 from armd.compensation.diagnose.problem.rests import assign_folds
 from armd.compensation.diagnose.problem.signatures import compile_candidates, make_finding_columns
@@ -63,7 +63,7 @@ def test_a_part_left_out_of_the_sums_is_left_out_of_the_problem(problem) -> None
     whole = make_projection(current, arm, part_of)
     first, second, distances = whole.sums_by_part(signatures)
     whitener = np.where((part_of == 1)[:, None, None], 0.0, current.noise.whitener)
-    without = solve_again(whitened_by(current, whitener), [], arm)
+    without = solve_with_findings(whitened_by(current, whitener), [], arm)
     anew = score(make_projection(without, arm).sums(signatures))
     from_parts = score(add_sums([first, distances]))
     np.testing.assert_allclose(from_parts.statistic, anew.statistic, rtol=1e-5, atol=1e-6)
@@ -77,7 +77,7 @@ def test_a_fit_without_a_part_is_the_fit_of_the_others_alone(problem) -> None:
     observations = current.linear.rests.observations
     out = observations.placement % 2 == 1
     whitener = np.where(out[:, None, None], 0.0, current.noise.whitener)
-    without = solve_again(whitened_by(current, whitener), [], arm)
+    without = solve_with_findings(whitened_by(current, whitener), [], arm)
     kept = np.append(np.repeat(~out, 3), np.ones(len(current.residual) - 3 * len(out), bool))
     white, scale = whitened(without.noise, without.nuisance.columns.to_dense())
     held = np.minimum(without.nuisance.variance, without.layout.nominal_variance)
@@ -97,7 +97,7 @@ def test_findings_join_what_absorbs_without_another_pass(problem) -> None:
     signatures = compile_candidates(candidates[::40], current.linear, arm)
     nothing = make_projection(current, arm)
     finding = next(c for c in candidates if c.place == ("encoder_eccentricity", "joint 3"))
-    found = solve_again(current, [finding], arm)
+    found = solve_with_findings(current, [finding], arm)
     grown = nothing.with_findings_of(found)
     known = score(grown.sums_with(nothing.sums(signatures)))
     anew = score(make_projection(found, arm).sums(signatures))
@@ -111,14 +111,14 @@ def test_a_survey_by_parts_is_the_one_of_all_rows_and_of_all_but_a_part(problem)
     signatures = compile_candidates(candidates[::40], current.linear, arm)
     few = compile_candidates(candidates[20::400], current.linear, arm)
     finding = next(c for c in candidates if c.place == ("encoder_eccentricity", "joint 3"))
-    found = solve_again(current, [finding], arm)
+    found = solve_with_findings(current, [finding], arm)
     parted = PartedSurvey.from_fit(set_findings(found, [], arm), signatures, arm)
     surveys = [(parted.with_findings(found), found), (parted.without_findings(current), current)]
     folds = assign_folds(current.linear.rests)
     outs = [folds == 0, folds == 1]
     for part, refits in enumerate(make_refits_without(current, outs)):
         whitener = np.where(outs[part][:, None, None], 0.0, current.noise.whitener)
-        anew = solve_again(whitened_by(current, whitener), [], arm)
+        anew = solve_with_findings(whitened_by(current, whitener), [], arm)
         surveys.append((parted.without(part, refits.with_subset([])), anew))
     for survey, fitted in surveys:
         projection = make_projection(fitted, arm)

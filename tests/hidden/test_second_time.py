@@ -18,7 +18,7 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.refit import Refits
-from armd.compensation.diagnose.heldout.open_constants import keep_open_constants
+from armd.compensation.diagnose.heldout.open_constants import add_open_constants
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.estimate.linear.bordered import compute_pseudo_inverse_factor
@@ -111,7 +111,7 @@ def test_an_effect_that_was_not_written_is_no_other_cause_later(history: History
     last, sessions = first.search.last, first.sessions
     without = Refits(last).with_subset(())
     plain = extend_calibration(without, arm, sessions, left_out=last.findings)
-    written = keep_open_constants(plain, last, (), arm, sessions)
+    written = add_open_constants(plain, last, (), arm, sessions)
     assert rms_um(history.holdout, arm, written) == rms_um(history.holdout, arm, plain)
     found = diagnose(planted(history.second, since), arm, written)
     assert [f.candidate.place for f in found.findings] == [("encoder_eccentricity", "joint 2")]

@@ -39,7 +39,7 @@ def as_curve(candidate: Candidate, values: F64, q: F64) -> Term:
     )
 
 
-def as_written(current: Fit, out: Mask) -> Iterator[tuple[slice, I64, F64]]:
+def list_unknown_columns(current: Fit, out: Mask) -> Iterator[tuple[slice, I64, F64]]:
     """Yield for each curve among the findings its columns where the written curve is unknown.
 
     These are its nuisance columns (m,), the rows (r,) of those rests *out* at which a curve learnt

@@ -22,7 +22,7 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.fitting.nuisance import collect_nuisance, make_noise_variances
 from armd.compensation.diagnose.noise import variances as noise_model
-from armd.compensation.diagnose.noise.turns import compute_fitted_share, estimate_turn_ratio
+from armd.compensation.diagnose.noise.turns import compute_fitted_freedom, estimate_turn_ratio
 from armd.compensation.diagnose.problem.amplitudes import compute_amplitude_variance, is_sized
 from armd.compensation.diagnose.problem.baseline import add_findings, apply_step
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -137,8 +137,8 @@ def _clipped(
             problem, _ = make_normal_equations(
                 blocks, nuisance.ridged(noise), layout, noise, clipped - fitted
             )
-            absorbed_share = compute_fitted_share(nuisance.columns, problem.covariance, noise)
-            ratio = estimate_turn_ratio(noise, linear, clipped - fitted, absorbed_share)
+            fitted_freedom = compute_fitted_freedom(nuisance.columns, problem.covariance, noise)
+            ratio = estimate_turn_ratio(noise, linear, clipped - fitted, fitted_freedom)
             alike &= abs(np.log(ratio / noise.turn_ratio)) < TURN_SETTLED
         if noise.scale_mm > NOISE_SETTLED * larger and alike:
             break

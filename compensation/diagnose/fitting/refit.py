@@ -31,7 +31,7 @@ from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 
 
-def solve_again(fit: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
+def solve_with_findings(fit: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
     """Solve the linear problem of a fit with other findings, in the same noise."""
     unsolved = set_findings(fit, findings, arm)
     return _sized_and_solved(unsolved, *_equations(unsolved))
@@ -105,8 +105,8 @@ def make_refits_without(fit: Fit, left_out: Sequence[Mask]) -> list[Refits]:
 def solve_shared_again(fit: Fit, findings: Sequence[Candidate], arm: Arm, eliminated: Mask) -> Fit:
     """Solve a fit again with other findings and only the columns that placements share.
 
-    See `solve_again` and `make_refits_without`. *eliminated*: which columns are eliminated, of
-    those that there are without findings.
+    See `solve_with_findings` and `make_refits_without`. *eliminated*: which columns are eliminated,
+    of those that there are without findings.
     """
     unsolved = set_findings(fit, findings, arm)
     first, stop = unsolved.layout.identified.stop, unsolved.layout.mount.start

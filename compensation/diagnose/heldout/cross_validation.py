@@ -16,7 +16,7 @@ from armd.compensation.diagnose.fitting.refit import (
     set_findings,
     solve_shared_again,
 )
-from armd.compensation.diagnose.heldout.gain import compute_left_out_squares, group_readings
+from armd.compensation.diagnose.heldout.gain import compute_heldout_squares, group_readings
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import assign_folds
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey, ScoredCandidates
@@ -93,7 +93,7 @@ def _repeat_search_without(
     The *current* fit is the one without findings; the search on the other parts makes the findings.
     """
     last, out = replace(result.last, noise=current.noise), folds == part
-    squares = [compute_left_out_squares(current, out, arm)]
+    squares = [compute_heldout_squares(current, out, arm)]
     if parted is None:  # nothing was found
         return squares
     first = scored = parted.without(part, current)
@@ -114,7 +114,7 @@ def _repeat_search_without(
             squares += [squares[-1]] * (len(result.findings) + 1 - len(squares))
             break
         current = tried
-        squares.append(compute_left_out_squares(current, out, arm))
+        squares.append(compute_heldout_squares(current, out, arm))
         drop_freed()
         if len(squares) <= len(result.findings):
             projection = first.projection.with_findings_of(current)

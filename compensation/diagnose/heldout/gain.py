@@ -21,7 +21,7 @@ from armd.compensation.diagnose.constants import (
     TRUTH_BLOCKS,
 )
 from armd.compensation.diagnose.diagnosis import Gain
-from armd.compensation.diagnose.fitting.curves import as_written
+from armd.compensation.diagnose.fitting.curves import list_unknown_columns
 from armd.compensation.diagnose.fitting.neighbourhood import compute_scale_factor
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.estimate.folds import assign_posture_folds
@@ -105,7 +105,7 @@ def group_readings(observations: Observations) -> I64:
     return groups
 
 
-def compute_left_out_squares(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
+def compute_heldout_squares(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
     """Return squared residuals mm² of the points left *out* (n,), under the model of the others.
 
     Where a calibration is given and nothing was found, the model is that calibration unchanged, not
@@ -123,7 +123,7 @@ def compute_left_out_squares(current: Fit, out: Mask, arm: Arm, growth: bool = F
     amplitudes = np.zeros(len(current.solution))
     amplitudes[columns_used] = current.solution[columns_used]
     predicted = current.nuisance.columns.times(amplitudes)[:n]
-    for span, strange, columns in as_written(current, out):
+    for span, strange, columns in list_unknown_columns(current, out):
         fitted_columns = current.nuisance.columns.to_dense(span)[strange]
         predicted[strange] += (columns - fitted_columns) @ current.solution[span]
     residual = current.raw_residual[:n] - predicted

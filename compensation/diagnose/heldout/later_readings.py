@@ -14,7 +14,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import KNOWN_PARTS, TIME_PARTS
 from armd.compensation.diagnose.fitting.refit import make_refits_without
-from armd.compensation.diagnose.heldout.gain import compute_left_out_squares
+from armd.compensation.diagnose.heldout.gain import compute_heldout_squares
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance
@@ -44,7 +44,7 @@ def make_later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F
     def squares(numbers: Sequence[int], growth: bool) -> F64:
         squared = [np.zeros(0)]
         for out, refit in refits:
-            squared.append(compute_left_out_squares(refit.with_subset(numbers), out, arm, growth))
+            squared.append(compute_heldout_squares(refit.with_subset(numbers), out, arm, growth))
         return np.concatenate(squared)
 
     return squares

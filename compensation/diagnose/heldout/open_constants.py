@@ -28,7 +28,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
 
-def keep_open_constants(
+def add_open_constants(
     written: Calibration, last: Fit, numbers: Sequence[int], arm: Arm, sessions: Sequence[Session]
 ) -> Calibration:
     """Add to the *written* calibration how far the unwritten findings would move its constants.

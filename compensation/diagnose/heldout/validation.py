@@ -31,10 +31,10 @@ from armd.compensation.diagnose.extend import extend_calibration, has_known_grow
 from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.fitting.neighbourhood import compute_scale_factor
 from armd.compensation.diagnose.fitting.refit import Refits
+from armd.compensation.diagnose.heldout.fold_residuals import make_squares_in_turn
 from armd.compensation.diagnose.heldout.gain import group_readings
-from armd.compensation.diagnose.heldout.judge import IsUninformative, Judge, Look
+from armd.compensation.diagnose.heldout.judge import HoldoutScheme, IsUninformative, Judge
 from armd.compensation.diagnose.heldout.later_readings import make_later_squares
-from armd.compensation.diagnose.heldout.sets import make_squares_in_turn
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import assign_folds
 from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
@@ -50,7 +50,7 @@ TARGETS: Final = "targets left out within placements"
 
 def choose_validated_findings(
     result: SearchResult,
-    looks: Sequence[Look],
+    schemes: Sequence[HoldoutScheme],
     able: Sequence[bool],
     is_uninformative: IsUninformative = lambda _finding, _numbers: False,
     later: Callable[[Sequence[int], bool], F64] | None = None,
@@ -60,29 +60,30 @@ def choose_validated_findings(
 ) -> ValidatedFindings:
     """Choose those of the findings *able* to be written that held-out readings validate.
 
-    The first look decides. But a finding that shows in one placement only cannot be learnt from the
-    others. Where the first look does not contradict a finding, or *is_uninformative* about it, a
-    further look may validate it. A finding that depends on time or temperature must also not make
-    *later* readings worse: their squared residuals by findings, predicted from earlier ones.
+    The first scheme decides. But a finding that shows in one placement only cannot be learnt from
+    the others. Where the first scheme does not contradict a finding, or *is_uninformative* about
+    it, a further scheme may validate it. A finding that depends on time or temperature must also
+    not make *later* readings worse: their squared residuals by findings, predicted from earlier
+    ones.
 
     The findings were fitted together with the first link's expansion (*growth*). Where all readings
     determine it well, the findings are judged with it, and it is written, too, if it is validated
-    given them. If the first look cannot show it (*cannot_see_growth*), the findings are judged
-    without it, and it joins where the last look predicts better with it.
+    given them. If the first scheme cannot show it (*cannot_see_growth*), the findings are judged
+    without it, and it joins where the last scheme predicts better with it.
 
     Gains are those of the repeated search, unless this is uninformative (*repeated_tells*).
     """
-    judge = Judge(result.last, looks, is_uninformative, later)
+    judge = Judge(result.last, schemes, is_uninformative, later)
     if growth and not cannot_see_growth:
         with_growth = _choose_validated(result, judge, able, True, repeated_tells)
-        if with_growth.numbers and judge.find_confirming_look(
+        if with_growth.numbers and judge.find_confirming_scheme(
             (with_growth.numbers, False), (with_growth.numbers, True)
         ):
             return with_growth
     chosen = _choose_validated(result, judge, able, False, repeated_tells)
     if growth and cannot_see_growth and chosen.numbers:
-        with_growth = replace(chosen, growth=judge.predicts_better(chosen.numbers))
-        if with_growth.growth and chosen.by == TARGETS:  # the look that shows it has decided
+        with_growth = replace(chosen, growth=judge.predicts_better_with_growth(chosen.numbers))
+        if with_growth.growth and chosen.by == TARGETS:  # the scheme that shows it has decided
             with_growth = replace(with_growth, after=judge.errors((chosen.numbers, True))[-1])
         return with_growth
     return chosen
@@ -107,7 +108,7 @@ def _choose_validated(
             if i in chosen or not _has_its_cause(result.last, i, chosen):
                 continue
             tried = tuple(sorted((*chosen, i)))
-            confirmed = judge.find_confirming_look((chosen, growth), (tried, growth))
+            confirmed = judge.find_confirming_scheme((chosen, growth), (tried, growth))
             if confirmed is not None:
                 if not judge.predicts_later_no_worse((chosen, growth), (tried, growth)):
                     contradicted.append(i)
@@ -116,7 +117,7 @@ def _choose_validated(
                 if confirmed[0] > 0:
                     further[i] = confirmed[1]
     current, full = (chosen, growth), (every, growth)
-    together = judge.find_confirming_look(current, full) if len(every) > len(chosen) + 1 else None
+    together = judge.find_confirming_scheme(current, full) if len(every) > len(chosen) + 1 else None
     if together is not None and judge.predicts_later_no_worse(current, full):
         chosen = _remove_harmful(result.last, judge, every, growth)  # some help only together
     decides = -1 if further else 0
@@ -162,8 +163,8 @@ def validate_by_placement(
     last = result.last
     rests, points = last.linear.rests, last.linear.rests.points
     groups = group_readings(points)
-    looks = [
-        Look(make_squares_in_turn(last, arm, folds), groups, float(points.freedom.mean()))
+    schemes = [
+        HoldoutScheme(make_squares_in_turn(last, arm, folds), groups, float(points.freedom.mean()))
         for folds in (assign_folds(rests), _assign_folds_by_target(points)[rests.point_of])
     ]
     able = [not finding.candidate.is_report_only for finding in result.findings]
@@ -173,7 +174,7 @@ def validate_by_placement(
     repeated_tells = not stepwise or stepwise[-1].after_um <= stepwise[0].before_um
     return choose_validated_findings(
         result,
-        looks,
+        schemes,
         able,
         _make_uninformative_by_placement(last),
         later,
@@ -240,9 +241,9 @@ def validate_by_session(
             refit.with_subset(numbers), arm, sessions, holdout, growth
         )
 
-    look = Look(squares, group_readings(readings), float(readings.freedom.mean()))
+    scheme = HoldoutScheme(squares, group_readings(readings), float(readings.freedom.mean()))
     able = [not finding.candidate.is_report_only for finding in result.findings]
-    return choose_validated_findings(result, [look], able, growth=has_known_growth(last, arm))
+    return choose_validated_findings(result, [scheme], able, growth=has_known_growth(last, arm))
 
 
 def compute_squares_on_sessions(

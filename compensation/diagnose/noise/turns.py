@@ -11,7 +11,7 @@ from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.estimate.linear.blocks import Blocks
 
 
-def compute_fitted_share(columns: Blocks, covariance: F64, noise: RestNoise) -> float:
+def compute_fitted_freedom(columns: Blocks, covariance: F64, noise: RestNoise) -> float:
     """Return the degrees of freedom of the orientations that a fit by *columns* takes.
 
     *covariance* (b, b): of the fit's solution.

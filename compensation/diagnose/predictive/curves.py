@@ -34,7 +34,7 @@ from armd.compensation.diagnose.predictive.components import Component, make_com
 from armd.compensation.diagnose.predictive.scores import (
     compute_misfit,
     compute_scores,
-    solve_again,
+    solve_with_noise,
 )
 from armd.compensation.diagnose.predictive.strength import (
     Scatter,
@@ -196,11 +196,11 @@ def _compare(search: SearchResult) -> list[ResidualComparison]:
     if not variables:
         return []
     layout = make_layout(variables, last.nuisance.columns)
-    last_sums = _sum_up(solve_again(last, last.noise), layout)
+    last_sums = _sum_up(solve_with_noise(last, last.noise), layout)
     after = _make_curves(last_sums, layout, last_sums.spread)
     before = after
     if last.findings or search.first is not last:
-        first_sums = _sum_up(solve_again(search.first, last.noise), layout)
+        first_sums = _sum_up(solve_with_noise(search.first, last.noise), layout)
         before = _make_curves(first_sums, layout, last_sums.spread)
     named, _ = make_components(last.linear)
     places = [(bins, component) for bins in variables for component in named]

@@ -244,7 +244,7 @@ def _absorb_residual(fit: Fit) -> F64:
     return fit.problem.project(fit.across(fit.residual))
 
 
-def solve_again(fit: Fit, noise: RestNoise) -> Fit:
+def solve_with_noise(fit: Fit, noise: RestNoise) -> Fit:
     """Solve the same model again in the given *noise*.
 
     It is the noise of the model that explains the data best. So an error of a poorer model does not

@@ -48,7 +48,7 @@ class Rests:
         return self.observations.rows(~turned) if turned.any() else self.observations
 
     @cached_property
-    def arm_instead_k(self) -> F64:
+    def arm_rise_without_artefact_k(self) -> F64:
         """The arm's mean temperature (n,) K above the artefact's reference, or 0.
 
         It is 0 in sessions that have artefact_c.
@@ -141,7 +141,7 @@ class Linear:
         if change.kind == "expansion":
             move = self._from_still_mm * self.rests.artefact_rise_c[:, None]
         elif change.kind == "warmth":
-            move = self._from_still_mm * self.rests.arm_instead_k[:, None]
+            move = self._from_still_mm * self.rests.arm_rise_without_artefact_k[:, None]
         elif change.kind == "scale":
             move = self._from_still_mm
         elif change.kind == "sag":

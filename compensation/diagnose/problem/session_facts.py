@@ -32,7 +32,7 @@ def collect_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
     varied = np.isfinite(temperatures).all(axis=0) & (_span(temperatures, usual) > LEAST_SPAN_K)
     artefact_k, instead_k = (
         _span(rise, 0.0 if baseline.is_given else None)
-        for rise in (rests.artefact_rise_c, rests.arm_instead_k)
+        for rise in (rests.artefact_rise_c, rests.arm_rise_without_artefact_k)
     )
     timed = bool(np.isfinite(states.time_s).all())
     moments = _moments(states.time_s) if timed else np.empty(0)

@@ -23,10 +23,10 @@ class Likeness:
     """A rival compared with a finding, both clear of all else in the model, in noise units."""
 
     angle_deg: float  # smallest principal angle of the signatures; 0: indistinguishable
-    left_p: float  # significance of what the finding adds once the rival is in the model
+    remaining_p: float  # significance of what the finding adds once the rival is in the model
 
 
-def compare(
+def compute_likeness(
     candidate: Candidate, rivals: Sequence[Candidate], current: Fit, arm: Arm
 ) -> list[Likeness]:
     """Return the likeness of *candidate*, one of the fit's findings, with each of *rivals*."""

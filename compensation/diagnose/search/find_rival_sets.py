@@ -20,7 +20,7 @@ import numpy as np
 
 from armd.arrays import Mask
 from armd.compensation.diagnose.constants import MOST_FIRST, MOST_IN_PLACE, TRIAL_WORK
-from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.fitting.refit import solve_with_findings
 from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import compile_candidates, identify_kind
@@ -93,7 +93,7 @@ class RivalSetSearch:
         self._choose, self._weigh, self._through = choose, weigh, through
         self._work = work or WorkBudget()
         self._fit = scored.fit
-        self._first = parted.without_findings(solve_again(self._fit, [], arm))
+        self._first = parted.without_findings(solve_with_findings(self._fit, [], arm))
 
     def find_rival_sets(self) -> list[RivalSet]:
         """Return other sets with no more amplitudes, the likeliest first."""
@@ -195,7 +195,7 @@ class RivalSetSearch:
         return ScoredCandidates(projection, sums)
 
     def _projection(self, findings: Sequence[Candidate]) -> Projection:
-        fitted = solve_again(self._fit, findings, self._arm)
+        fitted = solve_with_findings(self._fit, findings, self._arm)
         return self._first.projection.with_findings_of(fitted)
 
 

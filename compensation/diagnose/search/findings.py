@@ -21,7 +21,7 @@ from armd.compensation.diagnose.diagnosis import Explained, Finding, Rival
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import identify_kind
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
-from armd.compensation.diagnose.scoring.confusion import compare
+from armd.compensation.diagnose.scoring.confusion import compute_likeness
 from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
 from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p
@@ -166,12 +166,14 @@ def _list_rivals(
         best = int(np.argmax(np.where(of_place, posterior, -np.inf)))
         rival = _move_to_instant(candidate, of_place, scores.signatures.candidates[best], scores)
         rivals.append((rival, probability[place]))
-    alike = compare(candidate, [rival for rival, _ in rivals], scored.fit, scored.projection.arm)
+    alike = compute_likeness(
+        candidate, [rival for rival, _ in rivals], scored.fit, scored.projection.arm
+    )
     reported = [
         Rival(rival, share, likeness.angle_deg)
         for (rival, share), likeness in zip(rivals, alike, strict=True)
         if share >= LEAST_PROBABILITY
-        or (likeness.left_p > INDISTINGUISHABLE_P and rival.cause != "unknown")
+        or (likeness.remaining_p > INDISTINGUISHABLE_P and rival.cause != "unknown")
     ]
     named = [rival for rival in reported[MOST_RIVALS:] if rival.candidate.cause != "unknown"]
     return (*reported[:MOST_RIVALS], *named[:1])  # unnamed functions must not hide every cause

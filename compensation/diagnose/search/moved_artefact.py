@@ -27,7 +27,7 @@ from armd.compensation.diagnose.constants import (
     TOUCHED_GRID,
 )
 from armd.compensation.diagnose.diagnosis import MovedArtefact
-from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.fitting.refit import solve_with_findings
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.signatures import identify_kind, make_finding_columns
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
@@ -157,7 +157,7 @@ def _as_measured(candidate: Candidate, projection: Projection) -> tuple[I64, F64
     fit = projection.fit
     if fit.findings:
         about = _clipped_about(candidate, projection).fit
-        fit = solve_again(about, (*fit.findings, candidate), projection.arm)
+        fit = solve_with_findings(about, (*fit.findings, candidate), projection.arm)
     in_time = fit.linear.rests.in_order[number]
     rows = (3 * in_time[:, None] + np.arange(3)).ravel()
     whitener = fit.noise.whitener[in_time]

@@ -16,7 +16,7 @@ from scipy.special import ndtr
 from armd.compensation.diagnose.constants import LEAST_PROBABILITY, MOST_RIVAL_SET
 from armd.compensation.diagnose.diagnosis import Finding, Rival, RivalCauses
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.scoring.confusion import compare
+from armd.compensation.diagnose.scoring.confusion import compute_likeness
 from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
@@ -103,7 +103,9 @@ def _with_rivals(
             alternative,
             likely.get(alternative.place, (alternative, 0.0))[1] + share * odds,
         )
-    alike = compare(candidate, [alternative for alternative, _ in likely.values()], last, arm)
+    alike = compute_likeness(
+        candidate, [alternative for alternative, _ in likely.values()], last, arm
+    )
     added = [
         Rival(alternative, probability, likeness.angle_deg)
         for (alternative, probability), likeness in zip(likely.values(), alike, strict=True)

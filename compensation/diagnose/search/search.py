@@ -20,7 +20,7 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.diagnosis import Finding, RivalCauses, SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import find_refusal
-from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.fitting.refit import solve_with_findings
 from armd.compensation.diagnose.problem.acting_causes import list_acting_through
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
@@ -204,7 +204,7 @@ class Search:
                 continue
             if places[best] > math.log(CLEARLY) + scored.log_posterior_of(i, scores):
                 findings = select_with_causes([c for c in current.findings if c is not candidate])
-                without = solve_again(current, findings, survey.arm)
+                without = solve_with_findings(current, findings, survey.arm)
                 rival = choose_candidate(make_projection(without, survey.arm), scores, survey.tests)
                 if rival is None or rival.place == candidate.place:
                     continue

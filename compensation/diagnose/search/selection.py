@@ -19,7 +19,7 @@ from armd.compensation.diagnose.constants import (
     MOST_RICHER,
     STRONG,
 )
-from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.fitting.refit import solve_with_findings
 from armd.compensation.diagnose.problem.signatures import identify_kind
 from armd.compensation.diagnose.scoring.candidates import (
     ScoredCandidates,
@@ -176,7 +176,9 @@ def _likelier(
     for likelier in refused:
         about = clip_about(likelier, projection).fit
         findings = join_finding(about.findings, likelier)
-        with_it = make_projection(solve_again(about, findings, projection.arm), projection.arm)
+        with_it = make_projection(
+            solve_with_findings(about, findings, projection.arm), projection.arm
+        )
         if not is_significant(score_candidates(with_it, [admitted]).scores.log_p[0], tests):
             return likelier
     return admitted

@@ -14,7 +14,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import SHAPE_PRIOR
-from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.fitting.refit import solve_with_findings
 from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import identify_kind
@@ -38,7 +38,7 @@ def compute_log_odds(
 
     Both are linearised about the point of the fit *about*; *scores* hold the catalogue's priors.
     """
-    projection = make_projection(solve_again(about, [], arm), arm)
+    projection = make_projection(solve_with_findings(about, [], arm), arm)
     log_posterior, against = (weigh_set(c, projection, scores) for c in (findings, instead_of))
     return log_posterior - against
 
@@ -69,7 +69,7 @@ def _with_shapes(findings: Sequence[Candidate], projection: Projection) -> tuple
     open.
     """
     nothing = projection.fit
-    fitted = solve_again(nothing, findings, projection.arm)
+    fitted = solve_with_findings(nothing, findings, projection.arm)
     columns_of_findings = [
         n for span in fitted.layout.findings for n in range(span.start, span.stop)
     ]

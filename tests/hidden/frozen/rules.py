@@ -66,7 +66,7 @@ def _as_it_is(_original: Any, candidate: Any, shape: Any) -> Any:
     return replace(candidate, columns=(*candidate.columns, *shape.columns))
 
 
-def _one_look(original: Any, *args: Any) -> Any:
+def _one_scheme(original: Any, *args: Any) -> Any:
     confirmed = original(*args)
     return confirmed if confirmed is None or confirmed[0] == 0 else None
 
@@ -188,7 +188,7 @@ RULES = (
     Rule("unless it lost a named cause", SEARCH + "compare_searches:has_lost_cause",
          always(False)),
     Rule("constants left open by what is not written",
-         HELDOUT + "open_constants:keep_open_constants", give(0)),
+         HELDOUT + "open_constants:add_open_constants", give(0)),
     Rule("growth open that was not known", FITTING + "free_expansion:open_growth", give(0)),
     Rule("growth open that was guessed", FITTING + "free_expansion:_list_guessed", always(())),
     Rule("growth open that an error hid", FITTING + "free_expansion:_could_not_know",
@@ -222,11 +222,11 @@ RULES = (
     Rule("not written: later readings are worse", HELDOUT + "judge:Judge.predicts_later_no_worse",
          always(True)),
     Rule("deaf where one fold has it all", HELDOUT + "validation:_is_in_one_fold", always(False)),
-    Rule("targets left out may decide", HELDOUT + "judge:Judge.find_confirming_look", _one_look,
+    Rule("targets left out may decide", HELDOUT + "judge:Judge.find_confirming_scheme", _one_scheme,
          lambda result, *_: result is not None and result[0] > 0),
     Rule("gross errors count at most so much", HELDOUT + "gain:limit_squares",
          lambda _original, before, after: (before, after)),
-    Rule("not written: worse over all", HELDOUT + "judge:_harms", always(False)),
+    Rule("not written: worse over all", HELDOUT + "judge:_raises_rms_clearly", always(False)),
     Rule("without what harms among what helps together", HELDOUT + "validation:_remove_harmful",
          give(2), lambda *_: True),
     Rule("held-out readings lower the odds", HELDOUT + "judge:Judge.compute_odds_factor",

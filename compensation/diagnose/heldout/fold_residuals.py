@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.diagnose.fitting.refit import make_refits_without, solve_again
+from armd.compensation.diagnose.fitting.refit import make_refits_without, solve_with_findings
 from armd.compensation.diagnose.heldout.gain import (
-    compute_left_out_squares,
+    compute_heldout_squares,
     group_readings,
     limit_squares,
 )
@@ -32,7 +32,7 @@ def make_squares_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[
     def squares(numbers: Sequence[int], growth: bool) -> F64:
         squared = np.zeros(points)
         for out, refit in zip(outs, refits, strict=True):
-            squared[out[:points]] = compute_left_out_squares(
+            squared[out[:points]] = compute_heldout_squares(
                 refit.with_subset(numbers), out, arm, growth
             )
         return squared
@@ -66,6 +66,6 @@ def count_standard_errors(before: F64, after: F64, groups: I64) -> float:
 
 def _compute_squares(about: Fit, findings: Sequence[Candidate], arm: Arm) -> F64:
     """Return squared residuals (n,) mm² of points, with amplitudes from the other placements."""
-    solved = solve_again(about, findings, arm)
+    solved = solve_with_findings(about, findings, arm)
     squares = make_squares_in_turn(solved, arm, assign_folds(about.linear.rests))
     return squares(range(len(findings)), False)
