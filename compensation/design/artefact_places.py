@@ -18,7 +18,7 @@ from armd.compensation.design.observability import (
 )
 from armd.compensation.design.reaching import solve_postures
 from armd.compensation.estimate.placements.poses import make_rigid_columns
-from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS
+from armd.compensation.identify.admission.reading_counts import LEAST_PLACEMENTS
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 

@@ -34,7 +34,7 @@ APART = 6.0
 
 
 @dataclass(frozen=True)
-class Between:
+class CauseSeparation:
     """The aim to distinguish several causes, by their separation."""
 
     words: str
@@ -98,7 +98,7 @@ class Between:
 
 
 @dataclass(frozen=True)
-class Weakest:
+class WeakestParameter:
     """The aim to reduce the uncertainty of the least well known parameter."""
 
     words: str
@@ -107,7 +107,7 @@ class Weakest:
     unit: str = "µm at the tip"
 
     def merit(self, prior: LinearModel, rows: F64 | None = None) -> F64:
-        """Compute one over the standard uncertainty; arguments as in `Between.merit`."""
+        """Compute one over the standard uncertainty; arguments as in `CauseSeparation.merit`."""
         covariance = prior.covariance
         towards = covariance @ self.direction
         variance = np.array([self.direction @ towards])
@@ -131,10 +131,12 @@ class Weakest:
         return 1.0 / merit
 
 
-Criterion = Between | Weakest
+Criterion = CauseSeparation | WeakestParameter
 
 
-def compare_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: LinearModel) -> Between:
+def compare_causes(
+    doubt: Doubt, last: Fit, prior: LinearModel, richest: LinearModel
+) -> CauseSeparation:
     """Make the criterion that distinguishes the finding and its rivals, by the *prior* information.
 
     Pairs that even the *richest* information cannot separate are left out, unless all are. The
@@ -152,7 +154,7 @@ def compare_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: LinearM
     signals = [finding, *(_passing(information, finding, blocks[i]) for i in leads[1:])]
     separable = [[not is_alike(candidates[i], rival) for rival in candidates] for i in leads]
     weight = np.sqrt(share[leads][:, None] * share) * separable
-    criterion = Between(doubt.words, np.stack(signals, axis=1), blocks, weight)
+    criterion = CauseSeparation(doubt.words, np.stack(signals, axis=1), blocks, weight)
     able = weight * (criterion.separations(richest)[0] >= APART)
     return replace(criterion, weight=able if able.any() else weight)
 
@@ -171,7 +173,7 @@ def _passing(information: F64, signal: F64, rival: slice) -> F64:
 
 def find_weakest(
     last: Fit, arm: Arm, prior: LinearModel, richest: LinearModel, poses: States
-) -> Weakest:
+) -> WeakestParameter:
     """Find the least well known constant, in µm at the tip, of those that poses can determine at
     all.
 
@@ -196,7 +198,7 @@ def find_weakest(
     variance = np.einsum("ki,kl,li->i", directions, prior.covariance, directions)
     worst = int(np.argmax(np.where(settled, variance, -1.0)))
     name = names[indices[worst]]
-    return Weakest(
+    return WeakestParameter(
         f"tighten {name}, the least well known parameter",
         f"standard uncertainty of {name}",
         directions[:, worst],

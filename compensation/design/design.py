@@ -36,7 +36,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 
 FEW, MANY = 12, 24  # poses to choose if no number is given
-TOLD_AT_ALL = 2.0  # noise units between two causes below which more poses are no help
+LEAST_SEPARATION = 2.0  # noise units between two causes below which more poses are no help
 MOST_EXCHANGES = 3
 WORTHWHILE = 1.01  # least factor by which an exchange must improve the criterion
 WORTH_A_CLIMATE = 1.1  # least factor by which a climate must beat an easier one
@@ -73,7 +73,7 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
     drawn = draw_poses(diagnosis, seed)
     choices = [(c, set_climate(drawn, c, diagnosis)) for c in list_climates(diagnosis)]
     rows = [whiten_rows(states, climate, last, candidates, arm) for climate, states in choices]
-    pool = reduce(LinearModel.measured, (whitened for whitened, _ in rows), prior)
+    pool = reduce(LinearModel.add_rows, (whitened for whitened, _ in rows), prior)
     ridge_variance = 1.0 / (RIDGE * np.diag(pool.gram) + 1e-300)
     prior, pool = prior.with_variance(ridge_variance), pool.with_variance(ridge_variance)
     criterion: Criterion
@@ -83,7 +83,7 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
         criterion = compare_causes(doubt, last, prior, pool)
     greedy = [_greedy(prior, whitened, criterion, poses or FEW) for whitened, _ in rows]
     reached = [
-        _merit(prior.measured(whitened[chosen]), criterion)
+        _merit(prior.add_rows(whitened[chosen]), criterion)
         for (whitened, _), chosen in zip(rows, greedy, strict=True)
     ]
     best = int(np.argmax(WORTH_A_CLIMATE * np.array(reached) >= max(reached)))
@@ -100,7 +100,7 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
         states.rows(np.array(chosen, dtype=np.int64)),
         tip[chosen],
         criterion.figure(_merit(prior, criterion)),
-        criterion.figure(_merit(prior.measured(whitened[chosen]), criterion)),
+        criterion.figure(_merit(prior.add_rows(whitened[chosen]), criterion)),
         last.model.constants,
     )
 
@@ -114,7 +114,7 @@ def _make_prior(last: Fit, candidates: list[Candidate], arm: Arm) -> LinearModel
     if asked_columns is not None:
         white = last.noise.whiten(asked_columns)
         free = np.full(asked_columns.shape[1], np.inf)
-        problem = problem.joined(ASKED, white.T @ white, last.across(asked_columns), free)
+        problem = problem.add_block(ASKED, white.T @ white, last.across(asked_columns), free)
     # A finding that is asked about takes part as a candidate.
     places = [candidate.place for candidate in candidates]
     itself = [
@@ -151,18 +151,18 @@ def _greedy(prior: LinearModel, rows: F64, criterion: Criterion, poses: int) -> 
     """
     chosen: list[int] = []
     for _ in range(min(poses, len(rows))):
-        total = prior.measured(rows[chosen])
+        total = prior.add_rows(rows[chosen])
         chosen.append(_best(total, rows, criterion, chosen)[0])
     return chosen
 
 
 def _extend(prior: LinearModel, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
     """Add as many poses as settle the criterion, up to MANY; none if these hardly help."""
-    extended, merit = list(chosen), _merit(prior.measured(rows[chosen]), criterion)
+    extended, merit = list(chosen), _merit(prior.add_rows(rows[chosen]), criterion)
     while len(extended) < min(MANY, len(rows)) and not criterion.settled(merit):
-        best, merit = _best(prior.measured(rows[extended]), rows, criterion, extended)
+        best, merit = _best(prior.add_rows(rows[extended]), rows, criterion, extended)
         extended.append(best)
-    return extended if criterion.figure(merit) >= TOLD_AT_ALL else list(chosen)
+    return extended if criterion.figure(merit) >= LEAST_SEPARATION else list(chosen)
 
 
 def _exchanged(prior: LinearModel, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
@@ -171,8 +171,8 @@ def _exchanged(prior: LinearModel, rows: F64, criterion: Criterion, chosen: list
         changed = False
         for place in range(len(chosen)):
             unchanged = chosen[:place] + chosen[place + 1 :]
-            now = _merit(prior.measured(rows[chosen]), criterion)
-            best, merit = _best(prior.measured(rows[unchanged]), rows, criterion, chosen)
+            now = _merit(prior.add_rows(rows[chosen]), criterion)
+            best, merit = _best(prior.add_rows(rows[unchanged]), rows, criterion, chosen)
             if merit > WORTHWHILE * now:
                 chosen[place], changed = best, True
         if not changed:

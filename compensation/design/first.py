@@ -28,10 +28,10 @@ from armd.compensation.design.observability import (
 )
 from armd.compensation.estimate.gauge import ROUNDING, describe_unidentifiable, list_free_constants
 from armd.compensation.estimate.linear.solution import LEAST_KNOWN
-from armd.compensation.identify.admission.needed import (
+from armd.compensation.identify.admission.reading_counts import (
     LEAST_PLACEMENTS,
     count_certificate_readings,
-    count_least_readings,
+    count_least_readings_for_plan,
 )
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import compute_pose
@@ -109,7 +109,7 @@ def design_first(
     bounds = bounds or Bounds()
     placements = 1 if artefact is None else LEAST_PLACEMENTS
     seats = 0 if artefact is None else int(np.isnan(artefact.positions_mm()[:, 0]).sum())
-    minimum = count_least_readings(arm.n_joints, placements, seats)
+    minimum = count_least_readings_for_plan(arm.n_joints, placements, seats)
     certificate = count_certificate_readings(arm.n_joints, placements, seats)
     _require_between(readings, minimum, POOL)
     rng = np.random.default_rng(seed)

@@ -97,19 +97,22 @@ class ArmAlone:
         return float(np.sum(whitened**2) + np.sum(np.concatenate(missed) ** 2))
 
     @property
-    def clear_cost(self) -> float:
+    def reduced_cost(self) -> float:
         """The cost with placements and targets at their optimum.
 
         Half its slope is the right-hand side from which `solve` computes a step.
         """
         return float(self._placements.reduced_model.gram[-1, -1])
 
-    def clear_cost_of(self, residual_mm: F64, poses: Poses) -> float:
-        """Return `clear_cost` of other residuals (n, 3), with *poses* near the linearisation's."""
+    def compute_reduced_cost(self, residual_mm: F64, poses: Poses) -> float:
+        """Compute `reduced_cost` for other residuals (n, 3).
+
+        The *poses* are near those of the linearisation.
+        """
         moved = replace(self.linearisation, residual_mm=residual_mm, poses=poses)
         return replace(
             self, linearisation=moved, columns=self.columns[:, :, :0], full_problem=None
-        ).clear_cost
+        ).reduced_cost
 
     def follow(self, step: F64, session_numbers: I64 | None = None) -> tuple[F64, F64]:
         """Return twists (p, 6) and target shifts (K, 3) that follow a *step* (C,) of the unknowns.

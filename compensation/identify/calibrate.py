@@ -29,15 +29,15 @@ from armd.compensation.identify.admission.requirements import (
     choose_readings,
     describe_unknown,
     is_plausible,
-    require_enough,
-    require_help,
+    require_enough_readings,
+    require_more_than_placing,
     require_plausible,
-    require_some,
+    require_useful_readings,
 )
 from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed, report_misnamed
 from armd.compensation.identify.certificate import Misses, Suspects, judge
-from armd.compensation.identify.drawing import compute_drawn_rms_um, find_off_drawing
+from armd.compensation.identify.drawing import compute_nominal_rms_um, find_off_nominal
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.fit import compute_rms_um as residual_rms_um
@@ -110,7 +110,7 @@ def _calibrate(
         notes.append("no reading touches with the tip itself: it is that of arm.toml")
     drawn = evaluate_model(observations, arm.nominal(), tips.terms, arm.reference_temperature_c)
     require_surfaces(sessions, drawn.observations, drawn.poses, drawn.position_mm)
-    require_some(observations, files)
+    require_more_than_placing(observations, files)
     all_observations = add_orientations(observations)
     simple = not tips.terms and all_observations.n == observations.n
     if simple:  # else the tip of each reading is not known
@@ -124,10 +124,10 @@ def _calibrate(
     require_surfaces(
         sessions, observations, first.linearisation.poses, first.linearisation.position_mm
     )
-    drawing_rms_um = compute_drawn_rms_um(observations, tips.terms, tips.free)
+    nominal_rms_um = compute_nominal_rms_um(observations, tips.terms, tips.free)
     inconsistent = None
     if simple and options.judges_sessions:
-        inconsistent = find_inconsistent_session(sessions, first, drawing_rms_um)
+        inconsistent = find_inconsistent_session(sessions, first, nominal_rms_um)
     second = (
         None
         if not simple or (inconsistent and inconsistent.tip)
@@ -156,7 +156,7 @@ def _calibrate(
         final = final_whole.of_points()
         notes.append(f"no thermal models are compared here: order {order}")
     elif thermal and not options.compare:
-        order = 1 if are_far_apart(groups) or Comparison(first, groups).tells_expansion() else 0
+        order = 1 if are_far_apart(groups) or Comparison(first, groups).shows_expansion() else 0
         terms = terms if order else []
         final = _fit(observations, tips, unknown, terms, progress, first)
     elif thermal:
@@ -164,7 +164,7 @@ def _calibrate(
         trials = comparison.trials()
         if per_temperature:
             for _, group in groups:
-                require_enough(observations.rows(group), unknown, files)
+                require_enough_readings(observations.rows(group), unknown, files)
             order, final, heldout = comparison.regressed(
                 trials, options.thermal_order, options.offset
             )
@@ -198,18 +198,18 @@ def _calibrate(
     lengths = evaluation.lengths
     # Copies of one reading fit any geometry: where the nominal model misses by nothing, nothing
     # helps.
-    share = heldout.rms_um / drawing_rms_um if drawing_rms_um else 1.0
-    require_help(first, share, files, notes)
+    share = heldout.rms_um / nominal_rms_um if nominal_rms_um else 1.0
+    require_useful_readings(first, share, files, notes)
     gain = compute_orientation_gain(final_whole)
     if gain:
         notes.append(gain.in_words())
-    far_entries = find_off_drawing(first)
+    far_entries = find_off_nominal(first)
     notes += [entry.in_words() for entry in far_entries]
     noise_rms_um = 1e3 * final.noise.distance_mm(final.linearisation.joints, observations.freedom)
     certificate = judge(
         first,
         first.converged and final.converged,
-        Misses(drawing_rms_um, noise_rms_um, heldout, by),
+        Misses(nominal_rms_um, noise_rms_um, heldout, by),
         lengths,
         Suspects(inconsistent.path if inconsistent else None, second, far_entries),
         CalibratedFiles(tuple(session.path for session in sessions), options.arm_file),

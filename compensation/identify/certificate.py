@@ -12,16 +12,16 @@ from armd.compensation.estimate.gauge import PLAUSIBLE, is_scale_free
 from armd.compensation.estimate.linear.solution import LEAST_KNOWN
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.unknowns import is_indicator
-from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, LEAST_TIMES
-from armd.compensation.identify.admission.requirements import count_needed_readings
+from armd.compensation.identify.admission.reading_counts import CERTIFICATE_TIMES, LEAST_PLACEMENTS
+from armd.compensation.identify.admission.requirements import count_least_readings_for_observations
 from armd.compensation.identify.admission.second_group import Differs, SecondGroup
-from armd.compensation.identify.drawing import OffDrawing
+from armd.compensation.identify.drawing import OffNominal
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import (
     Errors,
     compute_another_placement_um,
-    describe_left_out,
+    describe_held_out,
 )
 from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, choose_next_step
 from armd.terminal.counted import format_count
@@ -53,10 +53,10 @@ RULE = (
     " they miss by with the dimensions of the drawing and the tip that suits these readings, or"
     f" {MOST_NOISE:g} times the noise of one reading, and by"
     f" {MOST_HELDOUT_MM:g} mm RMS at most; {100 * LEAST_RANK:g} % of what ideal readings would"
-    f" determine is known; there are {LEAST_PLACEMENTS} placements and {LEAST_TIMES} times the"
-    f" readings needed; the temperatures are possible ({POSSIBLE_C[0]:g} to {POSSIBLE_C[1]:g} °C,"
-    f" {MOST_APART_K:g} K apart at most); and no certified length is off by more than"
-    f" {MOST_OFF:g} standard uncertainties. For lengths only if certified lengths or positions"
+    f" determine is known; there are {LEAST_PLACEMENTS} placements and {CERTIFICATE_TIMES} times"
+    f" the readings needed; the temperatures are possible ({POSSIBLE_C[0]:g} to"
+    f" {POSSIBLE_C[1]:g} °C, {MOST_APART_K:g} K apart at most); and no"
+    f" certified length is off by more than {MOST_OFF:g} standard uncertainties. For lengths only if certified lengths or positions"
     " determine the size of the arm"
 )
 
@@ -90,7 +90,7 @@ class Certificate:
 class Misses:
     """The 3-D RMS misses of the readings under several models."""
 
-    drawn_rms_um: float
+    nominal_rms_um: float
     """Under the drawing."""
     noise_rms_um: float
     """Of one reading, whatever the model."""
@@ -107,7 +107,7 @@ class Suspects:
     """The folder of one that does not fit the others."""
     second: SecondGroup | None = None
     """Rows of another tip or place, which then are why readings miss; nothing else is guessed."""
-    off_drawing: Sequence[OffDrawing] = ()
+    off_drawing: Sequence[OffNominal] = ()
     """Parameters far off the drawing: no fault of the calibration, and somebody should know."""
 
 
@@ -125,13 +125,13 @@ def judge(
     lengths. *files* are those that the next step names.
     """
     suspects = suspects or Suspects()
-    drawn_rms_um, noise_rms_um = misses.drawn_rms_um, misses.noise_rms_um
+    nominal_rms_um, noise_rms_um = misses.nominal_rms_um, misses.noise_rms_um
     heldout = misses.heldout
-    drawn_mm, heldout_mm = drawn_rms_um / 1e3, heldout.rms_um / 1e3
-    share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
+    drawn_mm, heldout_mm = nominal_rms_um / 1e3, heldout.rms_um / 1e3
+    share = heldout.rms_um / nominal_rms_um if nominal_rms_um else 1.0
     percent = f"{100 * share:.0f}" if share > 0.1 else f"{100 * share:.2g}"  # never 1.1e+02
     most_mm = max(MOST_LEFT * drawn_mm, MOST_NOISE * noise_rms_um / 1e3)
-    set_words = describe_left_out(identification.observations, heldout, misses.heldout_by)
+    set_words = describe_held_out(identification.observations, heldout, misses.heldout_by)
     summary = (
         f"{set_words} left out misses by"
         f" {heldout_mm:.4g} mm RMS,"
@@ -251,13 +251,13 @@ def _object_to_too_few(observations: Observations) -> list[Objection]:
             " another place may miss by any amount"
         )
         faults.append(Objection(Why.PLACEMENTS, words))
-    needed = LEAST_TIMES * count_needed_readings(observations)
+    needed = CERTIFICATE_TIMES * count_least_readings_for_observations(observations)
     postures = observations.n_postures
     if postures < needed:
         copies = f" of {format_count(postures, 'posture')}" if postures < observations.n else ""
         words = (
             f"{format_count(observations.n, 'reading')}{copies}, expected at least {needed}: "
-            f"{LEAST_TIMES} times what the unknowns take"
+            f"{CERTIFICATE_TIMES} times what the unknowns take"
         )
         faults.append(Objection(Why.READINGS, words))
     return faults

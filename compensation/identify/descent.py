@@ -142,24 +142,24 @@ class Descent:
         promise (`NEAR`) is judged with the weights and angles of the start. Where poses only follow
         the steps, its χ² may also rise by the promised gain.
         """
-        leans = solution.off_drawing(trial.x - self.start)
-        leans -= solution.off_drawing(place.x - self.start)
+        leans = solution.compute_nominal_cost(trial.x - self.start)
+        leans -= solution.compute_nominal_cost(place.x - self.start)
         start_cost, is_near = (
-            place.arm_problem.clear_cost,
+            place.arm_problem.reduced_cost,
             solution.gain < NEAR * place.arm_problem.cost,
         )
         if self._refits_poses(with_prior):
             trial_cost = (
                 self._compute_fixed_cost(place, trial)
                 if is_near
-                else trial.place.arm_problem.clear_cost
+                else trial.place.arm_problem.reduced_cost
             )
             return trial_cost + leans <= start_cost
         cost = trial.place.arm_problem.cost
         limit = place.arm_problem.cost + (solution.gain if is_near else 0.0)
         if cost + leans <= limit:
             return True
-        followed = cost - trial.place.arm_problem.clear_cost <= solution.gain
+        followed = cost - trial.place.arm_problem.reduced_cost <= solution.gain
         return is_near and followed and self._compute_fixed_cost(place, trial) + leans <= start_cost
 
     def _compute_fixed_cost(self, place: _Place, trial: _Trial) -> float:
@@ -172,7 +172,7 @@ class Descent:
             - place.linearisation.there_mm
         )
         residual = trial.poses.residual(self.observations, place.linearisation.position_mm + tip)
-        return place.arm_problem.clear_cost_of(residual, trial.poses)
+        return place.arm_problem.compute_reduced_cost(residual, trial.poses)
 
     def linearise(
         self, x: F64, poses: Poses, floor_mm: float, with_prior: bool

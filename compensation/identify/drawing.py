@@ -38,7 +38,7 @@ ROUNDS, NO_DEPARTURE = 20, 1e-3
 
 
 @dataclass(frozen=True)
-class OffDrawing:
+class OffNominal:
     """One parameter far off arm.toml; mm or degrees."""
 
     parameter: str
@@ -80,7 +80,7 @@ class OffDrawing:
         return "compare it with the drawing"
 
 
-def compute_drawn_rms_um(
+def compute_nominal_rms_um(
     observations: Observations, terms: Sequence[Term] = (), free: Sequence[int] = ()
 ) -> float:
     """Compute the 3-D RMS of readings under the nominal links, with the best tip.
@@ -95,7 +95,7 @@ def compute_drawn_rms_um(
     return min(compute_rms_um(as_drawn.residual_mm), compute_rms_um(fitted.residual_mm))
 
 
-def find_off_drawing(identification: Identification) -> list[OffDrawing]:
+def find_off_nominal(identification: Identification) -> list[OffNominal]:
     """Find the lengths and angles that are significantly far off the nominal ones.
 
     Where the readings cannot separate parameters, the tip departs rather than a link, and few
@@ -129,7 +129,7 @@ def find_off_drawing(identification: Identification) -> list[OffDrawing]:
         if name in ("theta_1", "d_1") or not is_known or factor * abs(off) < FAR[unit]:
             continue
         drawn, fitted, u = (factor * float(value) for value in (nominal, nominal + off, u))
-        entries.append(OffDrawing(name, _name_place(name), drawn, fitted, u, unit))
+        entries.append(OffNominal(name, _name_place(name), drawn, fitted, u, unit))
     return entries
 
 

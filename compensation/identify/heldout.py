@@ -149,7 +149,7 @@ def compute_another_placement_um(
     return another if np.isfinite(another) else None
 
 
-def describe_left_out(observations: Observations, errors: Errors, left_out_by: str) -> str:
+def describe_held_out(observations: Observations, errors: Errors, left_out_by: str) -> str:
     """Return what a held-out set consists of: `each placement`, `every 8th reading`."""
     if left_out_by == "placement":
         groups = len(np.unique(observations.placement))

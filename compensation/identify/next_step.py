@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.identify.admission.needed import (
+from armd.compensation.identify.admission.reading_counts import (
+    CERTIFICATE_TIMES,
     LEAST_PLACEMENTS,
-    LEAST_TIMES,
-    count_readings_for,
+    count_least_readings,
 )
 from armd.compensation.identify.admission.requirements import count_artefact_unknowns
 from armd.terminal.counted import format_count
@@ -179,7 +179,7 @@ def _count_missing(observations: Observations, places: int) -> int:
     again = int(observations.unknown[_list_artefact_targets(observations)].sum())
     free = count_artefact_unknowns(observations) + 6 * places + 3 * again
     equations_per_reading = float(observations.freedom.mean())
-    needed = LEAST_TIMES * count_readings_for(
+    needed = CERTIFICATE_TIMES * count_least_readings(
         observations.arm.n_joints, free, equations_per_reading
     )
     return needed - observations.n_postures

@@ -10,13 +10,13 @@ import numpy as np
 from armd.compensation.identify.admission.inconsistent_session import InconsistentSession
 from armd.compensation.identify.admission.second_group import SecondGroup
 from armd.compensation.identify.certificate import Certificate
-from armd.compensation.identify.drawing import OffDrawing
+from armd.compensation.identify.drawing import OffNominal
 from armd.compensation.identify.evaluation.lengths import Length
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import (
     Errors,
     compute_another_placement_um,
-    describe_left_out,
+    describe_held_out,
 )
 from armd.compensation.identify.orientation import OrientationGain
 from armd.compensation.identify.reflectors import FoundReflector
@@ -40,7 +40,7 @@ class Result:
     certificate: Certificate
     lengths: list[Length]  # certified, with those that the calibrated arm measures
     inconsistent_session: InconsistentSession | None  # the session that does not fit the others
-    off_drawing: list[OffDrawing]  # parameters far off arm.toml's
+    off_drawing: list[OffNominal]  # parameters far off arm.toml's
     notes: list[str] = field(default_factory=list)
     second_group: SecondGroup | None = None  # rows of another tip or place
     orientation: OrientationGain | None = None  # what orientations added
@@ -60,9 +60,9 @@ class Result:
         return compute_another_placement_um(self.fit.observations, self.heldout, self.heldout_by)
 
     @property
-    def left_out_in_words(self) -> str:
+    def held_out_in_words(self) -> str:
         """The content of one held-out set, such as `every 8th reading`."""
-        return describe_left_out(self.fit.observations, self.heldout, self.heldout_by)
+        return describe_held_out(self.fit.observations, self.heldout, self.heldout_by)
 
     def as_json(self) -> dict[str, Any]:
         """Return the object that `armd calibrate --json` writes."""

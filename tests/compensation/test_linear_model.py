@@ -145,7 +145,7 @@ def test_problems_of_different_rows_add_and_a_block_joins_what_is_there() -> Non
     whole = LinearModel.from_rows(of)
     for found in (
         halves[0] + halves[1],
-        LinearModel.from_rows(of[:2]).joined(
+        LinearModel.from_rows(of[:2]).add_block(
             "finding",
             of[2][1].T @ of[2][1],
             np.hstack([of[0][1], of[1][1]]).T @ of[2][1],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.design import design as module
-from armd.compensation.design.criterion import ASKED, Between, Weakest
+from armd.compensation.design.criterion import ASKED, CauseSeparation, WeakestParameter
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 
 
@@ -25,7 +25,7 @@ def test_causes_stand_apart_as_in_one_dense_fit_with_one_reading_more() -> None:
     rng = np.random.default_rng(1)
     sessions, reading = rng.normal(size=(40, 6)), rng.normal(size=(3, 3, 6))
     signal = np.array([2.0, 0.0, 0.0])
-    criterion = Between("", signal[:, None], (slice(1, 3),), np.ones((1, 1)))
+    criterion = CauseSeparation("", signal[:, None], (slice(1, 3),), np.ones((1, 1)))
     known = known_of(sessions.T @ sessions, 3)
     for rows, found in (
         (sessions, criterion.separations(known)[0]),
@@ -38,7 +38,7 @@ def test_causes_stand_apart_as_in_one_dense_fit_with_one_reading_more() -> None:
 
 def test_a_parameter_is_as_uncertain_as_the_inverse_says_with_one_reading_more() -> None:
     gram, direction = information(2, 5), np.array([1.0, 0.0, -2.0, 0.0, 0.0])
-    criterion = Weakest("", "", direction)
+    criterion = WeakestParameter("", "", direction)
     rows = np.random.default_rng(3).normal(size=(4, 3, 5))
     known = known_of(gram, 0)
     expected = [
@@ -47,17 +47,17 @@ def test_a_parameter_is_as_uncertain_as_the_inverse_says_with_one_reading_more()
     ]
     assert criterion.merit(known)[0] == pytest.approx(expected[0])
     np.testing.assert_allclose(criterion.merit(known, rows), expected[1:])
-    assert criterion.merit(known.measured(rows[2]))[0] == pytest.approx(expected[3])
+    assert criterion.merit(known.add_rows(rows[2]))[0] == pytest.approx(expected[3])
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_exchanges_come_near_the_best_of_all_choices(seed: int) -> None:
     rows = np.random.default_rng([4, seed]).normal(size=(14, 3, 5))
     known = known_of(1e-2 * information(seed, 5), 0)
-    criterion = Weakest("", "", np.eye(5)[seed])
+    criterion = WeakestParameter("", "", np.eye(5)[seed])
 
     def merit(chosen) -> float:
-        return module._merit(known.measured(rows[list(chosen)]), criterion)
+        return module._merit(known.add_rows(rows[list(chosen)]), criterion)
 
     greedy = module._greedy(known, rows, criterion, 4)
     chosen = module._exchanged(known, rows, criterion, greedy)

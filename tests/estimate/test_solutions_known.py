@@ -63,8 +63,8 @@ def test_along_what_is_not_known_the_drawing_is_one_more_reading() -> None:
     whole = np.linalg.inv(columns.T @ columns + leaning.T @ leaning)
     np.testing.assert_allclose(found.covariance(np.zeros((4, 0))), whole, rtol=1e-8)
     assert found.effective_rank == pytest.approx(2.0 + 16.0 / 17.0)
-    assert found.off_drawing(np.zeros(4)) == 0.0
-    assert found.off_drawing(pull) == pytest.approx(float(((leaning @ pull) ** 2).sum()))
+    assert found.compute_nominal_cost(np.zeros(4)) == 0.0
+    assert found.compute_nominal_cost(pull) == pytest.approx(float(((leaning @ pull) ** 2).sum()))
     # Nothing beside what is known is in the known step; a gauge is not uncertain.
     np.testing.assert_allclose(leaning @ found.known_step, 0.0, atol=1e-12)
     gauge = found.directions[:, 3:]

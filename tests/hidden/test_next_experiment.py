@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from doubts import Doubtful, settle
 
-from armd.compensation.design.criterion import ASKED, Between
+from armd.compensation.design.criterion import ASKED, CauseSeparation
 from armd.compensation.diagnose.report.advice import propose_experiment
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import load_arm
@@ -103,7 +103,7 @@ def test_of_several_rivals_the_near_and_likely_ones_count() -> None:
 
     def together(weight_of_near: float, rows: np.ndarray | None = None) -> float:
         weight = np.array([[weight_of_near, 1.0]])
-        criterion = Between("", finding, rivals, weight)
+        criterion = CauseSeparation("", finding, rivals, weight)
         (near, far), *_ = criterion.separations(known)[0]
         assert near == pytest.approx(10.0 * np.sqrt(1 - 0.9**2))
         assert far == pytest.approx(10.0)

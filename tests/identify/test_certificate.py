@@ -47,7 +47,7 @@ def test_certificate(
     assert words in certificate.reason
     left_out = "each placement" if placements > 1 else "every 8th reading"
     assert certificate.reason.startswith(f"{left_out} left out misses by ")
-    assert result.left_out_in_words == left_out
+    assert result.held_out_in_words == left_out
     assert result.calibration.provenance["certificate"] == {
         "granted": certificate.granted,
         "reason": certificate.reason,

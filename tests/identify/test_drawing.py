@@ -9,7 +9,7 @@ import pytest
 
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.certificate import Misses, judge
-from armd.compensation.identify.drawing import find_off_drawing
+from armd.compensation.identify.drawing import find_off_nominal
 from armd.compensation.identify.heldout import Errors
 from armd.compensation.identify.result import Result
 from armd.compensation.model.arm import Arm
@@ -88,7 +88,7 @@ def test_what_is_not_sure_is_not_remarked(uncertainty_mm: float, sure: bool) -> 
     at = found.unknowns.constants.index("a_2")
     covariance = np.zeros_like(found.covariance)
     covariance[at, at] = uncertainty_mm**2
-    far = find_off_drawing(replace(found, covariance=covariance))
+    far = find_off_nominal(replace(found, covariance=covariance))
     assert ["a_2"] * sure == [one.parameter for one in far]
     assert all(one.standard_uncertainty == pytest.approx(uncertainty_mm) for one in far)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.estimate.observations import Observations, collect_observations
-from armd.compensation.identify.admission.needed import count_certificate_readings
+from armd.compensation.identify.admission.reading_counts import count_certificate_readings
 from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, choose_next_step
 from armd.daemon.cli import make_parsers
 from support import synthetic

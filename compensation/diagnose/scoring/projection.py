@@ -136,7 +136,7 @@ class Projection:
                 [self.shared_number[:start], findings, self.shared_number[start:], of_shapes]
             ),
             parts=tuple(
-                model.joined(
+                model.add_block(
                     "findings and shapes",
                     part_products[:, b:-1],
                     part_products[:, :b].T,

@@ -116,7 +116,7 @@ class _Problem:
         return replace(
             self,
             candidate_columns=candidate_columns,
-            model=self.model.joined(
+            model=self.model.add_block(
                 "candidate",
                 candidate_columns.T @ candidate_columns,
                 self.absorbing.T @ candidate_columns,

@@ -152,7 +152,7 @@ class LinearModel:
         """Return the problem of these rows with other priors (b,)."""
         return replace(self, variance=variance)
 
-    def measured(self, rows: F64) -> LinearModel:
+    def add_rows(self, rows: F64) -> LinearModel:
         """Return the problem with more whitened rows (…, b)."""
         flat = rows.reshape(-1, rows.shape[-1])
         added = flat.T @ flat
@@ -166,7 +166,7 @@ class LinearModel:
             self, gram=np.zeros_like(self.gram), squared_norm=np.zeros_like(self.squared_norm)
         )
 
-    def joined(
+    def add_block(
         self, name: str, products: F64, across: F64, variance: F64, squared_norm: F64 | None = None
     ) -> LinearModel:
         """Return the problem with one block more.
@@ -260,18 +260,18 @@ class LinearModel:
         return compute_pseudo_inverse_root(self.gram, added_diagonal=prior_weight)
 
     def solve_with_prior(
-        self, side: F64, drawn: F64, damping: float = 0.0, along_all: bool = False
+        self, side: F64, nominal: F64, damping: float = 0.0, along_all: bool = False
     ) -> Solution:
         """Solve with the nominal prior along directions known worse than a tenth of a departure.
 
         *side* (b,): products with a residual. The nominal values, at which the amplitudes are
-        *drawn* (b,), count along these directions as one more row, with an uncertainty of one
+        *nominal* (b,), count along these directions as one more row, with an uncertainty of one
         departure (docs/decisions/0023); *along_all*: along all directions. A departure is the root
         of `nominal_variance`, which has to be finite. *damping* is relative to the best known
         direction.
         """
         return solve_with_prior(
-            self.gram, side, np.sqrt(self.nominal_variance), drawn, damping, along_all
+            self.gram, side, np.sqrt(self.nominal_variance), nominal, damping, along_all
         )
 
     def compute_information(self, *names: str) -> F64:

@@ -43,7 +43,7 @@ class Solution:
         shares = curvature[curvature > 0] / (curvature + self.prior)[curvature > 0]
         return float(shares.sum())
 
-    def off_drawing(self, departure: F64) -> float:
+    def compute_nominal_cost(self, departure: F64) -> float:
         """Return the cost of a *departure* (C,) along directions with the nominal prior."""
         along = self.directions[:, self.prior].T @ (departure / self.scale)
         return float(along @ along)
@@ -89,7 +89,7 @@ class Solution:
 
 
 def solve_with_prior(
-    gram: F64, side: F64, scale: F64, drawn: F64, damping: float = 0.0, along_all: bool = False
+    gram: F64, side: F64, scale: F64, nominal: F64, damping: float = 0.0, along_all: bool = False
 ) -> Solution:
     """Solve as `LinearModel.solve_with_prior`, from products of columns (C, C) and residual (C,).
 
@@ -100,7 +100,7 @@ def solve_with_prior(
     largest = float(curvature.max(initial=0.0))
     is_known = curvature > max(LEAST_KNOWN**2, ROUNDING * largest)
     prior = ~is_known | along_all
-    slope = directions.T @ (scale * side) + prior * (directions.T @ (drawn / scale))
+    slope = directions.T @ (scale * side) + prior * (directions.T @ (nominal / scale))
     leaned = curvature + prior
     step = scale * (directions @ (slope / (leaned + damping * largest)))
     gain = float(np.sum(slope**2 / leaned))

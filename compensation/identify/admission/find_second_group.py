@@ -23,7 +23,7 @@ from armd.compensation.identify.admission.group_fit import (
     list_causes,
     list_unknowns,
 )
-from armd.compensation.identify.admission.requirements import count_needed_readings
+from armd.compensation.identify.admission.requirements import count_least_readings_for_observations
 from armd.compensation.identify.admission.row_groups import (
     LEAST_ROWS,
     ClearedRows,
@@ -53,9 +53,9 @@ MOST_REMAINING_SINGLY = 0.25
 #: it is larger, the groups differ by more than a tip: another arm.
 MOST_NOISE = 1.5
 #: A group is fitted without the other one if it has this many times the readings it needs.
-TELLS_NOISE = 1.5
+ENOUGH_READINGS = 1.5
 #: The RMS must be below this share of the next best cause's; otherwise the cause is undecided.
-CLEARLY = 0.7
+MOST_OF_RIVAL_RMS = 0.7
 #: A tip expands per K by at most this share of its distance from the last joint, plus an allowance
 #: (mm) for what the readings hardly determine. A larger fitted expansion is none: sessions at two
 #: temperatures with two tips look like that.
@@ -74,17 +74,21 @@ def find_second_group(
     at most, and none if the readings are consistent.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
-        grown_mm = _limit_growth_mm(identification, identification.terms)
-        group = None if grown_mm else _find_group(identification, 0.0)
+        allowed_growth_mm = _get_exceeded_growth_limit_mm(identification, identification.terms)
+        group = None if allowed_growth_mm else _find_group(identification, 0.0)
         if group:  # the fit may still take part of the second tip for expansion
-            grown_mm = _limit_growth_mm(group.identification, identification.terms)
-        if grown_mm:
+            allowed_growth_mm = _get_exceeded_growth_limit_mm(
+                group.identification, identification.terms
+            )
+        if allowed_growth_mm:
             identification = _fit_without_growth(identification)
-            group = _find_group(identification, grown_mm)
-        return _describe_group(sessions, identification, group, grown_mm) if group else None
+            group = _find_group(identification, allowed_growth_mm)
+        return (
+            _describe_group(sessions, identification, group, allowed_growth_mm) if group else None
+        )
 
 
-def _limit_growth_mm(identification: Identification, growth: Sequence[Term]) -> float:
+def _get_exceeded_growth_limit_mm(identification: Identification, growth: Sequence[Term]) -> float:
     """Return the limit of the tip's expansion, mm, if the fit exceeds it; else 0.
 
     *growth* holds the expansion terms, which come first among the terms of *identification*.
@@ -112,8 +116,10 @@ def _fit_without_growth(identification: Identification) -> Identification:
     )
 
 
-def _find_group(identification: Identification, grown_mm: float) -> GroupFit | None:
-    """Find the group that explains *identification*; the tip may expand by *grown_mm* unfitted.
+def _find_group(identification: Identification, allowed_growth_mm: float) -> GroupFit | None:
+    """Find the group that explains *identification*.
+
+    The tip may expand by *allowed_growth_mm* without a fitted term.
 
     The first search counts outliers, because a small group may be among them. The second search
     does not, because single readings in the air hide any other group.
@@ -134,7 +140,7 @@ def _find_group(identification: Identification, grown_mm: float) -> GroupFit | N
             if candidates
             else (_find_single_rows(identification, cleared), MOST_REMAINING_SINGLY)
         )
-        if best and _explains(identification, best, most_remaining, grown_mm):
+        if best and _explains(identification, best, most_remaining, allowed_growth_mm):
             return best
     return None
 
@@ -161,7 +167,7 @@ def _is_clearly_better(first: GroupFit, second: GroupFit) -> bool:
     is_inlier = (
         first.is_inlier | second.is_inlier
     )  # with a wrong cause, the whole group counts as outliers
-    return first.rms_um(is_inlier) < CLEARLY * second.rms_um(is_inlier)
+    return first.rms_um(is_inlier) < MOST_OF_RIVAL_RMS * second.rms_um(is_inlier)
 
 
 def _find_single_rows(identification: Identification, cleared: ClearedRows) -> GroupFit | None:
@@ -208,13 +214,16 @@ def _part_in_two(points: F64) -> Mask:
 
 
 def _explains(
-    identification: Identification, group_fit: GroupFit, most_remaining: float, grown_mm: float
+    identification: Identification,
+    group_fit: GroupFit,
+    most_remaining: float,
+    allowed_growth_mm: float,
 ) -> bool:
     """Return whether the fit with a second group explains the residuals.
 
     Its RMS must be at most the share *most_remaining* of the RMS of *identification*. In each group
     with enough readings for a separate fit, it may exceed the noise of that fit only by the factor
-    `MOST_NOISE` and the expansion *grown_mm*.
+    `MOST_NOISE` and the expansion *allowed_growth_mm*.
     """
     if group_fit.rms_um(group_fit.is_inlier) > most_remaining * compute_rms_um(
         identification.linearisation.residual_mm[group_fit.is_inlier]
@@ -222,7 +231,7 @@ def _explains(
         return False
     for group in (group_fit.group, ~group_fit.group):
         part = identification.observations.rows(group)
-        if part.n < TELLS_NOISE * count_needed_readings(part):
+        if part.n < ENOUGH_READINGS * count_least_readings_for_observations(part):
             continue
         unknowns = list_unknowns(part.arm, identification.terms)
         own_fit = fit(
@@ -235,7 +244,7 @@ def _explains(
         noise_um = compute_rms_um(own_fit.linearisation.residual_mm[is_inlier]) * np.sqrt(
             equations / max(freedom, 1)
         )
-        limit_um = np.hypot(MOST_NOISE * noise_um, 1e3 * grown_mm)
+        limit_um = np.hypot(MOST_NOISE * noise_um, 1e3 * allowed_growth_mm)
         if (
             compute_rms_um(group_fit.identification.linearisation.residual_mm[group][is_inlier])
             > limit_um
@@ -248,11 +257,11 @@ def _describe_group(
     sessions: Sequence[Session],
     identification: Identification,
     group_fit: GroupFit,
-    grown_mm: float,
+    allowed_growth_mm: float,
 ) -> SecondGroup:
     """Describe the smaller group, the later of two equal ones, and how it differs from the rest.
 
-    The tip may have expanded by *grown_mm* between the groups.
+    The tip may have expanded by *allowed_growth_mm* between the groups.
     """
     observations = identification.observations
     place = np.empty(observations.n)
@@ -269,7 +278,7 @@ def _describe_group(
         group, others_mask = group & shared, others_mask & shared
         to_mm = group_fit.cause.columns(group_fit.identification)[group].mean(axis=0)
     step = sign * to_mm @ group_fit.step
-    covariance = to_mm @ group_fit.covariance @ to_mm.T + grown_mm**2 * np.eye(3)
+    covariance = to_mm @ group_fit.covariance @ to_mm.T + allowed_growth_mm**2 * np.eye(3)
     along = step / max(float(np.linalg.norm(step)), 1e-12)
     return SecondGroup(
         group_fit.cause.differs,

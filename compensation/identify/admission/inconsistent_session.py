@@ -21,7 +21,7 @@ from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.mistakes import (
     EXPLAINED,
     LEAST_FAHRENHEIT,
-    LEAST_MM,
+    LEAST_MISS_MM,
     LEAST_READINGS,
     AssumedModel,
     compute_largest_miss_mm,
@@ -30,7 +30,7 @@ from armd.compensation.identify.admission.mistakes import (
     find_wrong_length_unit,
     to_celsius,
 )
-from armd.compensation.identify.admission.requirements import count_needed_readings
+from armd.compensation.identify.admission.requirements import count_least_readings_for_observations
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, compute_rms_um, fit
 from armd.compensation.identify.thermal.temperatures import group_temperatures
@@ -42,7 +42,7 @@ from armd.errors import BadInput
 LEAST_SESSIONS = 3
 #: A session is suspect under the nominal geometry if it misses by more than this many mm, or by
 #: more than this many times the least miss of any session.
-ABSURD_MM, APART = 20.0, 5.0
+ABSURD_MM, MISFIT_RATIO = 20.0, 5.0
 #: The search runs if a fit leaves more than this share of the RMS under the nominal geometry.
 SUSPICIOUS_SHARE = 0.1
 #: The most sessions that are left out in turn, those with the largest misses first; each costs a
@@ -104,7 +104,9 @@ def refuse_mistakes(
     raise_all(faults)
     if not is_judged.any():
         return
-    suspects = is_judged & (misses > min(ABSURD_MM, APART * max(misses[is_judged].min(), LEAST_MM)))
+    suspects = is_judged & (
+        misses > min(ABSURD_MM, MISFIT_RATIO * max(misses[is_judged].min(), LEAST_MISS_MM))
+    )
     if not suspects.any():
         return
     by = "under the calibration given" if calibrated else "under the drawing"
@@ -142,7 +144,7 @@ def fit_and_find_inconsistent_session(
 
 
 def find_inconsistent_session(
-    sessions: Sequence[Session], identification: Identification, drawn_rms_um: float
+    sessions: Sequence[Session], identification: Identification, nominal_rms_um: float
 ) -> InconsistentSession | None:
     """Return the session without which the others fit, if the fit to all of them is poor.
 
@@ -153,9 +155,9 @@ def find_inconsistent_session(
     misses = _find_largest_by_session(observations, model, len(sessions))
     if len(sessions) < LEAST_SESSIONS or not np.isfinite(misses).all():
         return None
-    is_apart = misses.max() > APART * misses.min()
+    is_apart = misses.max() > MISFIT_RATIO * misses.min()
     hot = (observations.states.temperature_c > LEAST_FAHRENHEIT).any()
-    if not is_apart and not hot and identification.rms_um < SUSPICIOUS_SHARE * drawn_rms_um:
+    if not is_apart and not hot and identification.rms_um < SUSPICIOUS_SHARE * nominal_rms_um:
         return None
     best: tuple[float, int, AssumedModel] | None = None
     for k in map(int, np.argsort(-misses)[:MOST_LEFT_OUT]):
@@ -175,8 +177,8 @@ def find_inconsistent_session(
     part = observations.rows(observations.session == k)
     miss = compute_largest_miss_mm(part, model)
     if (
-        miss < APART * level + _estimate_growth_mm(part, observations)
-        or level > misses.max() / APART
+        miss < MISFIT_RATIO * level + _estimate_growth_mm(part, observations)
+        or level > misses.max() / MISFIT_RATIO
     ):
         return None
     by = f"under what the other {len(sessions) - 1} identify"
@@ -233,7 +235,7 @@ def identify_rows(observations: Observations, rows: Mask) -> Identification | No
     Return None if there are too few readings.
     """
     chosen = observations.rows(rows)
-    if not rows.any() or chosen.n < count_needed_readings(chosen):
+    if not rows.any() or chosen.n < count_least_readings_for_observations(chosen):
         return None
     arm = observations.arm
     finite = np.isfinite(chosen.states.temperature_c).all()

@@ -16,7 +16,7 @@ from armd.arrays import F64, I64
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses, fit_robust_poses
 from armd.compensation.estimate.surface_kinds import POINT
-from armd.compensation.identify.admission.other_ends import find_other_ends
+from armd.compensation.identify.admission.renumberings import find_renumberings
 from armd.compensation.identify.evaluation.lengths import measure_certified_lengths
 from armd.compensation.identify.fit import Identification
 from armd.compensation.model.arm import Arm
@@ -34,7 +34,7 @@ LEAST_FAHRENHEIT = 45.0
 #: The most exchanges of two seats in one placement that are tried; each takes some milliseconds.
 MOST_EXCHANGES = 400
 #: A smaller miss is noise and no mistake (mm).
-LEAST_MM = 0.05
+LEAST_MISS_MM = 0.05
 #: A placement with fewer readings is not judged.
 LEAST_READINGS = 3
 
@@ -252,7 +252,7 @@ def _guess_targets(observations: Observations, model: AssumedModel) -> Iterator[
         )
     session = np.isin(observations.target_session, observations.session)
     certified = np.flatnonzero(session & points & ~observations.unknown)
-    for onto in find_other_ends(observations.position_mm[certified]):
+    for onto in find_renumberings(observations.position_mm[certified]):
         names = own_names.copy()
         names[certified] = certified[onto]
         first = int(np.flatnonzero(names != own_names)[0])

@@ -10,7 +10,7 @@ from armd.arrays import Mask
 from armd.compensation.estimate.gauge import describe_unidentifiable
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.surface_kinds import FREEDOM, POINT, TURN
-from armd.compensation.identify.admission.needed import count_readings_for
+from armd.compensation.identify.admission.reading_counts import count_least_readings
 from armd.compensation.identify.fit import Identification, compute_rms_um
 from armd.compensation.identify.thermal.temperatures import group_temperatures
 from armd.errors import BadInput
@@ -63,7 +63,7 @@ def choose_readings(
     return observations, groups
 
 
-def require_some(observations: Observations, files: str) -> None:
+def require_more_than_placing(observations: Observations, files: str) -> None:
     """Raise `BadInput` if placements and seats take up all equations of the readings."""
     placements, seats = _count_placements(observations), _count_seats(observations)
     # An artefact of seats may stand anywhere in its own frame.
@@ -76,7 +76,7 @@ def require_some(observations: Observations, files: str) -> None:
         raise BadInput(files, "readings", f"{observations.n} poses", expected)
 
 
-def require_help(
+def require_useful_readings(
     identification: Identification, share: float, files: str, notes: list[str]
 ) -> None:
     """Raise `BadInput` if the readings cannot separate the unknowns and do not improve the nominal
@@ -87,7 +87,7 @@ def require_help(
     or not.
     """
     observations, arm = identification.observations, identification.observations.arm
-    needed, ideal = count_needed_readings(observations), 4 * arm.n_joints - 3
+    needed, ideal = count_least_readings_for_observations(observations), 4 * arm.n_joints - 3
     rank = identification.solution.rank - len(identification.unknowns.terms)
     if observations.n_postures >= needed and rank >= LEAST_RANK * ideal:
         return
@@ -117,9 +117,9 @@ def require_help(
     )
 
 
-def require_enough(observations: Observations, unknown: Sequence[str], files: str) -> None:
+def require_enough_readings(observations: Observations, unknown: Sequence[str], files: str) -> None:
     """Raise `BadInput` for fewer readings than the unknowns need without a nominal prior."""
-    needed = count_needed_readings(observations)
+    needed = count_least_readings_for_observations(observations)
     if observations.n_postures < needed:
         placements, seats = _count_placements(observations), _count_seats(observations)
         expected = (
@@ -136,11 +136,11 @@ def _describe_postures(observations: Observations) -> str:
     return f" of {format_count(postures, 'posture')}" if postures < observations.n else ""
 
 
-def count_needed_readings(observations: Observations) -> int:
+def count_least_readings_for_observations(observations: Observations) -> int:
     """Return the number of readings below which no poses determine all unknowns."""
     free = count_artefact_unknowns(observations)
     equations_per_reading = float(observations.freedom.mean())
-    return count_readings_for(observations.arm.n_joints, free, equations_per_reading)
+    return count_least_readings(observations.arm.n_joints, free, equations_per_reading)
 
 
 def count_artefact_unknowns(observations: Observations) -> int:

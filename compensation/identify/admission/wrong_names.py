@@ -23,7 +23,7 @@ from armd.compensation.estimate.placements.fit_poses import fit_robust_poses
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.identify.admission.inconsistent_session import raise_all
 from armd.compensation.identify.admission.mistakes import (
-    LEAST_MM,
+    LEAST_MISS_MM,
     LEAST_READINGS,
     AssumedModel,
 )
@@ -61,7 +61,7 @@ def find_wrong_names(observations: Observations, model: AssumedModel) -> WrongNa
         return WrongNames(judged_rows, judged_rows, np.empty(0), np.empty(0))
     observations, position = observations.rows(judged_rows), position[judged_rows]
     poses, own_mm = fit_robust_poses(observations, position, roughly=True)
-    level = max(float(np.median(own_mm)), LEAST_MM)
+    level = max(float(np.median(own_mm)), LEAST_MISS_MM)
     # Where hardly any reading lies at its target, the artefact's pose is not known.
     n_near = np.bincount(
         observations.placement[own_mm < NEAR * level], minlength=len(observations.placement_names)

@@ -146,7 +146,7 @@ class Comparison:
                 best, chosen = error, m
         return chosen
 
-    def tells_expansion(self) -> bool:
+    def shows_expansion(self) -> bool:
         """Return whether the linear model clearly beats the one without temperature."""
         arm = self.fit.observations.arm
         base_errors, grown_errors = (

@@ -22,7 +22,7 @@ SETS_AT_AN_END = 3
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class HeldOutSet:
     """One set of readings to hold out, all of one temperature."""
 
     group: int  # number of the temperature, ascending
@@ -82,7 +82,7 @@ def _split_in_halves(chain: I64, mean_c: F64) -> list[I64]:
 
 def validate_by_temperature(
     observations: Observations, groups: list[tuple[float, Mask]]
-) -> list[LeftOut]:
+) -> list[HeldOutSet]:
     """Return the held-out sets: each inner temperature as a whole, the outer two in parts.
 
     The daemon flags temperatures outside the measured range, so a model is not chosen by its
@@ -92,7 +92,7 @@ def validate_by_temperature(
     shows whether there is expansion.
     """
     sets = [
-        LeftOut(g, rows, np.zeros(observations.n, dtype=bool))
+        HeldOutSet(g, rows, np.zeros(observations.n, dtype=bool))
         for g, (_, rows) in enumerate(groups[1:-1], 1)
     ]
     for g in (0, len(groups) - 1):
@@ -100,5 +100,5 @@ def validate_by_temperature(
         for part in make_placement_folds(observations.rows(rows), SETS_AT_AN_END)[0]:
             out = np.zeros(observations.n, dtype=bool)
             out[np.flatnonzero(rows)[part]] = True
-            sets.append(LeftOut(g, out, rows & ~out))
+            sets.append(HeldOutSet(g, out, rows & ~out))
     return sets

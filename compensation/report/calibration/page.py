@@ -70,7 +70,7 @@ def _add_summary(page: Page, result: Result, units: Units) -> None:
         ["", "value", "unit"],
         [
             ["residual, 3-D RMS", length.format_value(result.rms_um / 1e3), length.name],
-            [f"{result.left_out_in_words} left out in turn, 3-D RMS",
+            [f"{result.held_out_in_words} left out in turn, 3-D RMS",
              length.format_value(result.heldout.rms_um / 1e3), length.name],
             ["readings", fit.observations.n, ""],
             ["placements", len(np.unique(fit.observations.placement)), ""],

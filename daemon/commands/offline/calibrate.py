@@ -90,7 +90,7 @@ def _print(result: Result, written: str) -> None:
     fit = result.fit
     console.print(
         f"{fit.observations.n} readings, {result.rms_um:.2f} µm 3-D RMS,"
-        f" {result.heldout.in_words()} by leaving out {result.left_out_in_words} in turn;"
+        f" {result.heldout.in_words()} by leaving out {result.held_out_in_words} in turn;"
         f" rank {fit.solution.rank} of {len(fit.unknowns.names)}"
     )
     for length in result.lengths:

@@ -70,7 +70,7 @@ def _compare_sessions(
     from armd.compensation.data.sessions.format import SessionFile
     from armd.compensation.data.sessions.session import Session, load_session, report_turns
     from armd.compensation.estimate.observations import collect_observations
-    from armd.compensation.identify.admission.remark import write_remark
+    from armd.compensation.identify.admission.compare_sessions import compare_sessions
 
     of_arm: dict[str, list[Session]] = {}
     for path in dict.fromkeys(folders):
@@ -87,7 +87,9 @@ def _compare_sessions(
         doubts += [remark for session in read for remark in session.remarks]
         with console.status("holding the sessions against each other …"):
             try:
-                doubts.append(write_remark(sessions, collect_observations(sessions, arms[serial])))
+                doubts.append(
+                    compare_sessions(sessions, collect_observations(sessions, arms[serial]))
+                )
             except BadInput as fault:
                 for session_fault in (fault, *fault.more):
                     faults.setdefault(_get_folder(Path(session_fault.file)), []).append(

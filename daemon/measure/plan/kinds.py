@@ -6,7 +6,10 @@ from collections.abc import Callable, Sequence
 
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.data.sessions.points_only import refuse_surfaces
-from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, count_certificate_readings
+from armd.compensation.identify.admission.reading_counts import (
+    LEAST_PLACEMENTS,
+    count_certificate_readings,
+)
 from armd.compensation.model.arm import Arm
 from armd.daemon.measure.plan.poses import Pose, make_stations, read_poses
 from armd.daemon.measure.plan.proposed import load_proposed_check

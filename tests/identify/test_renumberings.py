@@ -9,11 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64
-from armd.compensation.identify.admission.other_ends import find_other_ends
+from armd.compensation.identify.admission.renumberings import find_renumberings
 
 
 def found(points: F64) -> set[tuple[int, ...]]:
-    return {tuple(map(int, onto)) for onto in find_other_ends(points)}
+    return {tuple(map(int, onto)) for onto in find_renumberings(points)}
 
 
 def tried(points: F64, near_mm: float) -> set[tuple[int, ...]]:

@@ -8,25 +8,28 @@ import math
 #: pose.
 LEAST_PLACEMENTS = 3
 #: The readings needed for a certificate, as a multiple of those needed for any solution.
-LEAST_TIMES = 3
+CERTIFICATE_TIMES = 3
 
 
-def count_least_readings(n_joints: int, placements: int, seats: int) -> int:
+def count_least_readings_for_plan(n_joints: int, placements: int, seats: int) -> int:
     """Return the number of readings below which no poses determine all unknowns.
 
     *seats* is the number of targets without a certified position.
     """
-    return count_readings_for(n_joints, 6 * placements + 3 * seats)
+    return count_least_readings(n_joints, 6 * placements + 3 * seats)
 
 
-def count_readings_for(n_joints: int, free: int, equations_per_reading: float = 3.0) -> int:
-    """Return the readings needed for *free* unknowns of the artefact; see `count_least_readings`.
+def count_least_readings(
+    n_joints: int, artefact_unknowns: int, equations_per_reading: float = 3.0
+) -> int:
+    """Return the number of readings below which no poses determine all unknowns.
 
-    A reading gives *equations_per_reading* equations.
+    *artefact_unknowns* is the number of unknowns of poses and seats, and a reading gives
+    *equations_per_reading* equations.
     """
-    return math.ceil((4 * n_joints - 3 + free) / equations_per_reading) + 1
+    return math.ceil((4 * n_joints - 3 + artefact_unknowns) / equations_per_reading) + 1
 
 
 def count_certificate_readings(n_joints: int, placements: int, seats: int) -> int:
     """Return the number of readings below which no certificate is granted."""
-    return LEAST_TIMES * count_least_readings(n_joints, placements, seats)
+    return CERTIFICATE_TIMES * count_least_readings_for_plan(n_joints, placements, seats)

@@ -1,4 +1,4 @@
-"""Write the remark of `armd check` on sessions that are each right by themselves."""
+"""Compare sessions for `armd check`, where each is right by itself."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import compute_rms_um
 
 
-def write_remark(sessions: Sequence[Session], observations: Observations) -> str:
+def compare_sessions(sessions: Sequence[Session], observations: Observations) -> str:
     """Compare several sessions, and describe an inconsistent one and readings far off all others.
 
     Return an empty string if there is nothing to report. Raises `BadInput` where a mistake is
     plain.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
-        return _remark(sessions, observations)
+        return _compare(sessions, observations)
 
 
-def _remark(sessions: Sequence[Session], observations: Observations) -> str:
+def _compare(sessions: Sequence[Session], observations: Observations) -> str:
     arm = observations.arm
     drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
     require_surfaces(sessions, drawn.observations, drawn.poses, drawn.position_mm)

@@ -15,7 +15,7 @@ from armd.compensation.estimate.placements.rigid_motions import fit_by_kabsch
 NEAR_SHARE = 0.25
 
 
-def find_other_ends(points_mm: F64) -> list[I64]:
+def find_renumberings(points_mm: F64) -> list[I64]:
     """Find the turns that bring *points_mm* (k, 3) near themselves.
 
     Return for each turn the index (k,) of the point on which each point then lies. Turns that move
