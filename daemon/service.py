@@ -164,7 +164,7 @@ class Service:
         for press in self._averager.remember(points, joints.q):
             self._press(press, points, joints)
         if self._at_rests:
-            for row in self._averager.rests(points):
+            for row in self._averager.find_rests(points):
                 self._measure("rest", row, points, joints)
 
     def _press(self, press: Press, points: PointArray, joints: Joints) -> None:

@@ -100,10 +100,10 @@ class Changes:
 
     def _prepared(self, request: _Request) -> Takeover:
         if request.tip is None:
-            return self._arm.reloaded()
+            return self._arm.load_calibration_again()
         if request.calibrated is None:
-            return self._arm.with_tip(request.tip)
-        return self._arm.with_kept(request.tip, request.calibrated)
+            return self._arm.select_tip(request.tip)
+        return self._arm.store_and_select_tip(request.tip, request.calibrated)
 
     def _conclude(self, request: _Request, result: Takeover | ArmdError) -> None:
         if isinstance(result, ArmdError):
@@ -112,13 +112,13 @@ class Changes:
                 self._tell("calibration_refused", f"{text}; the old one stays", "error")
         else:
             self._arm.take(result)
-            text, done = self._say(request), True
+            text, done = self._announce(request), True
             if result.warning is not None:
                 self._tell("tip_moved", result.warning, "warning")
         for answer in request.answers:
             answer(text, done)
 
-    def _say(self, request: _Request) -> str:
+    def _announce(self, request: _Request) -> str:
         calibration, tip = self._arm.calibration, request.tip
         if tip is not None:
             text = f"tip {tip}" if tip else "the calibration's tip"

@@ -102,7 +102,7 @@ class Averager:
             return []
         if len(points) > len(self._risen):
             self._risen = np.zeros(2 * len(points), np.uint32)
-        if not _press(points, self._buttons, self._risen):
+        if not _detect_presses(points, self._buttons, self._risen):
             return []
         return [
             Press([bit for bit in range(32) if risen >> bit & 1], row)
@@ -110,7 +110,7 @@ class Averager:
             if risen
         ]
 
-    def rests(self, points: npt.NDArray[np.void]) -> list[int]:
+    def find_rests(self, points: npt.NDArray[np.void]) -> list[int]:
         """Return the rows of a batch at which a rest begins to count as one (flag 9 rises)."""
         resting = (points["flags"] & Flag.AT_REST) != 0
         before = np.concatenate([[self._resting], resting[:-1]])
@@ -207,7 +207,7 @@ def _keep(points: Any, angles: Any, past: Any, past_angles: Any, written: int, s
 
 
 @jit
-def _press(points: Any, buttons: Any, risen: Any) -> bool:
+def _detect_presses(points: Any, buttons: Any, risen: Any) -> bool:
     """Write the bits of buttons pressed at each of the points (n,) into *risen* (≥ n,).
 
     Returns whether any button was pressed.

@@ -27,7 +27,7 @@ from armd.compiled.library import describe_kind
 from armd.daemon.config import Limits
 from armd.daemon.live.flags import Flagger, set_flags
 from armd.daemon.live.motion import Motion, follow
-from armd.daemon.live.temperature_age import TemperatureWatch
+from armd.daemon.live.temperature_watch import TemperatureWatch
 from armd.drivers.sample import SampleArray, Temperatures
 
 PointArray = npt.NDArray[np.void]
@@ -79,7 +79,7 @@ class Pipeline:
         self._flagger.memory = self._memory["flags"]
         self._room = ROOM
         #: `_correct`, compiled for samples of this kind and the model in use.
-        self._settled: Callable[..., None] | None = None
+        self._compiled_correct: Callable[..., None] | None = None
         self._kind: Hashable = None
         self._points, self._used = np.zeros(0, POINT), 0
         self.temperature = TemperatureWatch(arm, limits)
@@ -99,7 +99,7 @@ class Pipeline:
     def use(self, prepared: Prepared) -> None:
         """Correct with this calibration (None: nominal geometry) from the next sample on."""
         arm, calibration, self._model, past_ns = prepared
-        self._settled = None
+        self._compiled_correct = None
         self._identity = 0 if calibration is None else calibration.identity
         self._own_flags = Flag.NOT_CALIBRATED if calibration is None else Flag(0)
         self.temperature.use(arm, None if calibration is None else calibration.content)
@@ -187,12 +187,12 @@ class Pipeline:
             samples, start, self._room, self._memory, self._floats, self._n_numbers, self._ints,
             factor, floor_mm2, points,
         )  # fmt: skip
-        if self._settled is None or describe_kind(samples) != self._kind:
-            self._settled, self._kind = (
+        if self._compiled_correct is None or describe_kind(samples) != self._kind:
+            self._compiled_correct, self._kind = (
                 select_compiled(_correct, *arguments),
                 describe_kind(samples),
             )
-        self._settled(*arguments)
+        self._compiled_correct(*arguments)
 
     def _new_points(self, n: int) -> PointArray:
         """Return zeros (n,) that are not in use; many are allocated at once.
@@ -266,7 +266,7 @@ def _correct(
     q, rate, approach, tip = q[start:end], rate[start:end], approach[start:end], tip[start:end]
     still_since_ns, sizes, rows = ints[start:end], ints[room:first], ints[first:]
     flat = FlatModel(sizes, numbers, work)
-    _angles(samples, encoders, q)
+    _decode_angles(samples, encoders, q)
     compute_uncorrected(q, flat, tip)
     follow(samples, q, tip, memory["motion"], rate, approach, still_since_ns)
     fill(q, rate, approach, flat, factor, rows, floor_mm2, points)
@@ -274,7 +274,7 @@ def _correct(
 
 
 @jit
-def _angles(samples: Any, encoders: Any, q: Any) -> None:
+def _decode_angles(samples: Any, encoders: Any, q: Any) -> None:
     """Compute angles (n, N) rad; a joint that turns at most once is in the turn of its limits.
 
     A joint that reads far beyond its end stops becomes invalid.

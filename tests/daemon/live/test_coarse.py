@@ -10,9 +10,9 @@ from armd import Flag
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.config import Limits
-from armd.daemon.live.drift import CoarseHistory
 from armd.daemon.live.pipeline import Pipeline
-from armd.daemon.live.temperature_age import TemperatureWatch
+from armd.daemon.live.temperature_rate import CoarseHistory
+from armd.daemon.live.temperature_watch import TemperatureWatch
 from armd.drivers.sample import sample_dtype
 from support.small_arm import COUNTS  # the small arm's own encoders are fine
 

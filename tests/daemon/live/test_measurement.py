@@ -79,8 +79,8 @@ def test_a_rest_begins_once():
     points = points_of(10)
     points["flags"][3:6] = Flag.AT_REST
     averager = Averager(0.5, 2)
-    assert averager.rests(points[:4]) == [3]
-    assert averager.rests(points[4:]) == []
+    assert averager.find_rests(points[:4]) == [3]
+    assert averager.find_rests(points[4:]) == []
 
 
 def test_memory_is_bounded_and_the_last_points_are_kept():

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armd.daemon.live.drift import RATE_AFTER_NS, RATE_OVER_NS, ROOM, STEP_K, Drift, RecentReadings
+from armd.daemon.live.temperature_rate import (
+    RATE_AFTER_NS,
+    RATE_OVER_NS,
+    ROOM,
+    STEP_K,
+    Drift,
+    RecentReadings,
+)
 
 SENSORS = ["t1", "t2", "t3"]
 SECOND_NS = 1_000_000_000

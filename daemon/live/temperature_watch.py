@@ -12,7 +12,7 @@ from armd.compensation.data.soundness.heat_flow import LiveSensor
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, list_used_sensors
 from armd.daemon.config import Limits
-from armd.daemon.live.drift import CoarseHistory, RecentReadings
+from armd.daemon.live.temperature_rate import CoarseHistory, RecentReadings
 
 STALE_AFTER_NS = 5_000_000_000
 #: Readings a second that are used, and how many at once (modules that answer one after another).
