@@ -56,8 +56,8 @@ RULE = (
     f" determine is known; there are {LEAST_PLACEMENTS} placements and {CERTIFICATE_TIMES} times"
     f" the readings needed; the temperatures are possible ({POSSIBLE_C[0]:g} to"
     f" {POSSIBLE_C[1]:g} °C, {MOST_APART_K:g} K apart at most); and no"
-    f" certified length is off by more than {MOST_OFF:g} standard uncertainties. For lengths only if certified lengths or positions"
-    " determine the size of the arm"
+    f" certified length is off by more than {MOST_OFF:g} standard uncertainties. For lengths"
+    " only if certified lengths or positions determine the size of the arm"
 )
 
 

@@ -11,7 +11,7 @@ import os
 import stat
 from pathlib import Path
 
-from armd.daemon.doctor.finding import Patient
+from armd.daemon.doctor.finding import PortReport
 
 LISTED = "`ls -l /dev/serial/by-id` names what is plugged in"
 KINDS = {
@@ -26,18 +26,18 @@ CONTROLLING = os.makedev(5, 0)  # /dev/tty
 MAY_BE_ONE = (errno.EBUSY, errno.EAGAIN, errno.EACCES, errno.EPERM)
 
 
-def may_be_a_port(port: Path, patient: Patient) -> bool:
+def may_be_a_port(port: Path, report: PortReport) -> bool:
     """Return whether *port* exists and may be a serial port.
 
-    If not, *patient* gets a finding that says what it is.
+    If not, *report* gets a finding that says what it is.
     """
     try:
         mode = port.stat().st_mode
     except FileNotFoundError:
-        patient.find("no_port", *_describe_missing(port))
+        report.find("no_port", *_describe_missing(port))
         return False
     except OSError as error:  # a folder without permission, a loop of links
-        patient.find("no_port", f"{port} cannot be looked at: {error.strerror}", f"namei -l {port}")
+        report.find("no_port", f"{port} cannot be looked at: {error.strerror}", f"namei -l {port}")
         return False
     kind = (
         _describe_character(port)
@@ -46,7 +46,7 @@ def may_be_a_port(port: Path, patient: Patient) -> bool:
     )
     if kind:
         text = f"{port} is {kind}, no serial port"
-        patient.find("no_serial_port", text, f"give the arm's own port: {LISTED}")
+        report.find("no_serial_port", text, f"give the arm's own port: {LISTED}")
     return not kind
 
 

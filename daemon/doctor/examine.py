@@ -10,7 +10,7 @@ from pathlib import Path
 from cobs import cobs
 
 from armd.daemon.doctor.device import may_be_a_port
-from armd.daemon.doctor.finding import Patient
+from armd.daemon.doctor.finding import PortReport
 from armd.daemon.doctor.line import Line
 from armd.daemon.doctor.machine import ThisMachine
 from armd.daemon.doctor.servos import find_servos
@@ -22,36 +22,36 @@ HELLO_S = 0.25
 SYNC_EVERY_S, SYNC_S, GREETING_S = 0.03, 0.4, 0.3
 
 
-def diagnose_port(port: str, machine: ThisMachine) -> Patient:
+def diagnose_port(port: str, machine: ThisMachine) -> PortReport:
     """Return the devices and the obstacles on *port*; nothing is changed."""
-    patient = Patient(port)
-    if not (may_be_a_port(Path(port), patient) and machine.examine(Path(port), patient)):
-        return patient
+    report = PortReport(port)
+    if not (may_be_a_port(Path(port), report) and machine.examine(Path(port), report)):
+        return report
     try:
         line = Line(port, OWN_BAUDS[0])
     except (OSError, ValueError, termios.error) as error:
         if getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY):
             text = f"another program has {port} open, an `armd run` perhaps"
-            patient.find("port_held", text, f"sudo fuser -v {port} names it: end it")
+            report.find("port_held", text, f"sudo fuser -v {port} names it: end it")
         else:
-            patient.find("port", f"{port} cannot be opened: {error}", f"ls -l {port}")
-        return patient
+            report.find("port", f"{port} cannot be opened: {error}", f"ls -l {port}")
+        return report
     try:
         with line:
             if not (
-                _examine_own_wire(line, patient)
-                or find_servos(line, patient)
-                or _examine_scribe(line, patient)
+                _examine_own_wire(line, report)
+                or find_servos(line, report)
+                or _examine_scribe(line, report)
             ):
-                _report_nobody(line, patient)
+                _report_nobody(line, report)
     except (OSError, termios.error) as error:
         text = f"{port} went away while it was asked: {error}"
-        patient.find("gone", text, "check the plug, the cable and the supply; then ask again")
-    return patient
+        report.find("gone", text, "check the plug, the cable and the supply; then ask again")
+    return report
 
 
-def _report_nobody(line: Line, patient: Patient) -> None:
-    port, remarks = patient.name, ""
+def _report_nobody(line: Line, report: PortReport) -> None:
+    port, remarks = report.name, ""
     mend = "switch the arm's supply on, check the cable and that the adapter is a bus adapter"
     if line.is_pseudo:
         remarks += "; it is a pseudo-terminal"
@@ -60,7 +60,7 @@ def _report_nobody(line: Line, patient: Patient) -> None:
         remarks += "; the adapter hears what it says, so it works as far as the plug"
     elif line.heard_bytes:
         remarks += f"; {line.heard_bytes} bytes of something else came: another device?"
-    patient.find(
+    report.find(
         "no_answer",
         "nobody answers: no servo (Feetech, Dynamixel 2.0), no MicroScribe, no arm that speaks"
         f" armd's own wire{remarks}",
@@ -68,7 +68,7 @@ def _report_nobody(line: Line, patient: Patient) -> None:
     )
 
 
-def _examine_own_wire(line: Line, patient: Patient) -> bool:
+def _examine_own_wire(line: Line, report: PortReport) -> bool:
     """Look for an arm with armd's own protocol; return whether one is there.
 
     Such an arm streams without a request, and identifies itself on request.
@@ -82,8 +82,8 @@ def _examine_own_wire(line: Line, patient: Patient) -> bool:
             for packet in splitter.push(heard):
                 hello = _decode_hello(packet)
                 if hello is not None:
-                    patient.protocol, patient.baud = "serial", baud
-                    patient.say(
+                    report.protocol, report.baud = "serial", baud
+                    report.say(
                         f"arm {hello.serial_number} at {baud} baud: {hello.n_joints} joints, "
                         f"{hello.n_sensors} sensors, {hello.rate_hz} samples a second"
                     )
@@ -103,12 +103,12 @@ def _decode_hello(packet: bytes) -> serial_wire.Hello | None:
     return serial_wire.decode_hello(data)
 
 
-def _examine_scribe(line: Line, patient: Patient) -> bool:
+def _examine_scribe(line: Line, report: PortReport) -> bool:
     for baud in microscribe.BAUDS:
         if line.set_baud(baud) and _greets(line):
-            patient.protocol, patient.baud = "microscribe", baud
-            patient.say(
-                f"a MicroScribe at {baud} baud; `armd arm microscribe --port {patient.name} "
+            report.protocol, report.baud = "microscribe", baud
+            report.say(
+                f"a MicroScribe at {baud} baud; `armd arm microscribe --port {report.name} "
                 "-o arm.toml` reads its geometry"
             )
             return True

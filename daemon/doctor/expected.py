@@ -4,34 +4,34 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from armd.daemon.doctor.finding import Patient
+from armd.daemon.doctor.finding import PortReport
 from armd.drivers.config import ServoConfig
 
 OTHERS = {"serial": "an arm of armd's own wire", "microscribe": "a MicroScribe"}
 
 
-def compare(patient: Patient, file: Path, driver: ServoConfig) -> None:
+def compare(report: PortReport, file: Path, driver: ServoConfig) -> None:
     """Report each servo of *file* that does not answer, and another kind or rate."""
-    if not patient.protocol:
+    if not report.protocol:
         return  # no device answers, which is reported already
-    if patient.protocol != driver.kind:
-        device = OTHERS.get(patient.protocol, f"{patient.protocol} servos")
+    if report.protocol != driver.kind:
+        device = OTHERS.get(report.protocol, f"{report.protocol} servos")
         text = f"{file}: driver.kind: found {driver.kind}, and {device} on the line"
-        patient.find("other_kind", text, f'kind = "{patient.protocol}" under [driver] of {file}')
+        report.find("other_kind", text, f'kind = "{report.protocol}" under [driver] of {file}')
         return
-    if patient.baud != driver.baud:
-        text = f"{file}: driver.baud: found {driver.baud}, and servos that speak at {patient.baud}"
-        patient.find("other_baud", text, f"baud = {patient.baud} under [driver] of {file}")
-    answering = {int(servo["id"]) for servo in patient.servos}
+    if report.baud != driver.baud:
+        text = f"{file}: driver.baud: found {driver.baud}, and servos that speak at {report.baud}"
+        report.find("other_baud", text, f"baud = {report.baud} under [driver] of {file}")
+    answering = {int(servo["id"]) for servo in report.servos}
     for servo, purpose in list_named_servos(driver).items():
         if servo not in answering:
-            patient.find(
+            report.find(
                 "missing_id",
                 f"servo {servo} ({purpose}) of {file}: found no answer, expected one",
                 "check the cable before it, its power and its id; or correct [driver] in armd.toml",
             )
     for servo in sorted(answering - list_named_servos(driver).keys()):
-        patient.say(f"servo {servo} answers, and {file} does not name it")
+        report.say(f"servo {servo} answers, and {file} does not name it")
 
 
 def list_named_servos(driver: ServoConfig) -> dict[int, str]:

@@ -17,7 +17,7 @@ class Obstacle:
 
 
 @dataclass
-class Patient:
+class PortReport:
     """A port or a bus of this machine, with facts and findings about it."""
 
     name: str

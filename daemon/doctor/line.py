@@ -58,7 +58,7 @@ class Line(Closing):
             heard += chunk
         return word in heard
 
-    def listen_to_itself(self, request: bytes) -> None:
+    def detect_echo(self, request: bytes) -> None:
         """Detect whether the adapter echoes; *request* is one that no device answers."""
         self.send(request)
         self.echoes = self.echoes or self.hears(request, ECHO_S)

@@ -9,7 +9,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from armd.daemon.doctor.finding import Patient
+from armd.daemon.doctor.finding import PortReport
 
 #: Setting of USB serial chips whose driver delays bytes, by 16 ms as a default.
 TIMER = "bus/usb-serial/devices/{name}/latency_timer"
@@ -25,21 +25,21 @@ class ThisMachine:
     uid: int = field(default_factory=os.geteuid)
     groups: Collection[int] = field(default_factory=lambda: {os.getegid(), *os.getgroups()})
 
-    def examine(self, port: Path, patient: Patient) -> bool:
+    def examine(self, port: Path, report: PortReport) -> bool:
         """Examine *port*, which exists, and return whether it can be opened.
 
-        Facts and findings go to *patient*.
+        Facts and findings go to *report*.
         """
         device = port.resolve()
         if device != port:
-            patient.say(f"is {device}")
+            report.say(f"is {device}")
         return (
-            self._permission(device, patient)
-            & self._latency(device, patient)
-            & self._holders(device, patient)
+            self._permission(device, report)
+            & self._latency(device, report)
+            & self._holders(device, report)
         )
 
-    def _permission(self, device: Path, patient: Patient) -> bool:
+    def _permission(self, device: Path, report: PortReport) -> bool:
         status = device.stat()
         owner_bits = status.st_mode >> (
             6 if self.uid == status.st_uid else 3 if status.st_gid in self.groups else 0
@@ -51,20 +51,20 @@ class ThisMachine:
         if user in _list_members(status.st_gid):
             mend = f"log out and in again: {user} is in {group}, this session is not yet"
         text = f"{user} may not read and write {device}, which belongs to group {group}"
-        patient.find("permission", text, mend)
+        report.find("permission", text, mend)
         return False
 
-    def _latency(self, device: Path, patient: Patient) -> bool:
+    def _latency(self, device: Path, report: PortReport) -> bool:
         timer = self.sys / TIMER.format(name=device.name)
         try:
             milliseconds = int(timer.read_text())
         except (OSError, ValueError):
             return True  # a CDC-ACM adapter or a pty has no such timer
-        patient.say(f"latency timer {milliseconds} ms")
+        report.say(f"latency timer {milliseconds} ms")
         if milliseconds > 1:
             text = f"the adapter holds bytes back for up to {milliseconds} ms (latency timer)"
             rule = 'ACTION=="add", SUBSYSTEM=="usb-serial", ATTR{latency_timer}="1"'
-            patient.find(
+            report.find(
                 "latency_timer",
                 text,
                 f"echo 1 | sudo tee {timer}; for good: echo '{rule}' | "
@@ -72,7 +72,7 @@ class ThisMachine:
             )
         return True
 
-    def _holders(self, device: Path, patient: Patient) -> bool:
+    def _holders(self, device: Path, report: PortReport) -> bool:
         if device.parent.name == "pts":  # the process at the other end of a pty holds this end, too
             return True
         is_held = False
@@ -85,22 +85,22 @@ class ThisMachine:
             except OSError:
                 continue  # the process has ended, or may not be inspected
             if name == MODEM_MANAGER:
-                patient.say("ModemManager runs; it tries every new serial port for a modem")
+                report.say("ModemManager runs; it tries every new serial port for a modem")
             if device not in links:
                 continue
             is_held = True
             if name == MODEM_MANAGER:
                 mend = "sudo systemctl disable --now ModemManager"
-                patient.find("modem_manager", f"ModemManager holds {device}", mend)
+                report.find("modem_manager", f"ModemManager holds {device}", mend)
             else:
                 text = f"{name} (process {process.name}) holds {device}"
-                patient.find("port_held", text, f"end it: kill {process.name}")
+                report.find("port_held", text, f"end it: kill {process.name}")
         return not is_held
 
 
-def list_can_buses(sys: Path = Path("/sys")) -> list[Patient]:
+def list_can_buses(sys: Path = Path("/sys")) -> list[PortReport]:
     """List the CAN interfaces of this machine."""
-    patients = []
+    reports = []
     for interface in sorted((sys / "class/net").glob("*")):
         try:
             if int((interface / "type").read_text()) != 280:  # ARPHRD_CAN
@@ -108,13 +108,13 @@ def list_can_buses(sys: Path = Path("/sys")) -> list[Patient]:
             up = int((interface / "flags").read_text(), 16) & 1
         except (OSError, ValueError):
             continue
-        patient = Patient(interface.name)
-        patient.say("a CAN bus, up" if up else "a CAN bus")
+        report = PortReport(interface.name)
+        report.say("a CAN bus, up" if up else "a CAN bus")
         if not up:
             mend = f"sudo ip link set {interface.name} up type can bitrate 1000000"
-            patient.find("bus_down", f"{interface.name} is down", mend)
-        patients.append(patient)
-    return patients
+            report.find("bus_down", f"{interface.name} is down", mend)
+        reports.append(report)
+    return reports
 
 
 def _name_user(uid: int) -> str:

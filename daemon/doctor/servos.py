@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from armd.daemon.doctor.finding import Patient
+from armd.daemon.doctor.finding import PortReport
 from armd.daemon.doctor.line import Line
 from armd.drivers.poll.protocol import dynamixel, feetech
 from armd.drivers.poll.protocol.families import FAMILIES
@@ -23,9 +23,9 @@ RATE_S = 0.5
 SLOW_US = 100  # a longer return delay takes more time than the answer itself
 
 
-def find_servos(line: Line, patient: Patient) -> bool:
+def find_servos(line: Line, report: PortReport) -> bool:
     """Look for servos of all kinds at all rates; return whether there are some."""
-    line.listen_to_itself(feetech.make_ping(NOBODY))
+    line.detect_echo(feetech.make_ping(NOBODY))
     pinged: set[int] = set()  # rates with Feetech's ping, the same as Dynamixel 1.0's
     for kind, bauds in BAUDS.items():
         for baud in bauds:
@@ -41,8 +41,8 @@ def find_servos(line: Line, patient: Patient) -> bool:
                 ids = sorted([*likely, *_answering(line, family, unlikely_ids, wait_s)])
                 if kind != "dynamixel":
                     family = _distinguish(line, ids)
-                patient.protocol, patient.baud = family.name, baud
-                _examine(line, family, ids, patient)
+                report.protocol, report.baud = family.name, baud
+                _examine(line, family, ids, report)
                 return True
     return False
 
@@ -74,30 +74,30 @@ def _distinguish(line: Line, ids: Sequence[int]) -> Family:
     return FAMILIES["feetech"]
 
 
-def _examine(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> None:
-    patient.say(f"{family.name} servos at {line.baud} baud: ids {', '.join(map(str, ids))}")
+def _examine(line: Line, family: Family, ids: Sequence[int], report: PortReport) -> None:
+    report.say(f"{family.name} servos at {line.baud} baud: ids {', '.join(map(str, ids))}")
     if line.echoes:
-        patient.say("the adapter hears what it says, and armd passes over that")
+        report.say("the adapter hears what it says, and armd passes over that")
     servos = {}
     for i in ids:
         data = read(line, family, i, 0, family.identity_bytes)
         if data is not None:
             servos[i] = family.identity(data)
-    patient.servos = [{"id": i} | servo.as_json() for i, servo in servos.items()]
+    report.servos = [{"id": i} | servo.as_json() for i, servo in servos.items()]
     for i, servo in servos.items():
-        patient.say(
+        report.say(
             f"servo {i}: {find_model_name(servo.model, family.models)}, firmware {servo.firmware}, "
             f"homing offset {servo.homing_offset}, return delay {servo.return_delay_us} µs, "
             f"torque {'on' if servo.torque else 'off'}"
         )
-    _report_missing(line, family, ids, patient)
+    _report_missing(line, family, ids, report)
     for i in ids:
         if i not in servos:
             text = f"servo {i} answers a ping, but not what it is"
-            patient.find("unreadable", text, "check its cable, and that no id is there twice")
-    _judge(servos, family, patient)
+            report.find("unreadable", text, "check its cable, and that no id is there twice")
+    _judge(servos, family, report)
     readable = {i for i, servo in servos.items() if not family.refusal(servo)}
-    _measure_rate(line, family, ids, readable, patient)
+    _measure_rate(line, family, ids, readable, report)
 
 
 def read(line: Line, family: Family, servo: int, address: int, length: int) -> bytes | None:
@@ -116,7 +116,7 @@ def read(line: Line, family: Family, servo: int, address: int, length: int) -> b
     return None
 
 
-def _report_missing(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> None:
+def _report_missing(line: Line, family: Family, ids: Sequence[int], report: PortReport) -> None:
     """Report gaps in the row of ids; look for such servos at other rates."""
     baud = line.baud
     first = min(ids) if min(ids) > 10 else 1  # some makers start at 11
@@ -127,11 +127,11 @@ def _report_missing(line: Line, family: Family, ids: Sequence[int], patient: Pat
         for servo in _answering(line, family, missing, ANSWER_S):
             missing.remove(servo)
             text = f"servo {servo} answers at {other_baud} baud, the others at {baud}"
-            patient.find("other_baud", text, f"set its rate to {baud} with the maker's tool")
+            report.find("other_baud", text, f"set its rate to {baud} with the maker's tool")
     line.set_baud(baud)
     if missing:
         verb = "do" if len(missing) > 1 else "does"
-        patient.find(
+        report.find(
             "missing_id",
             f"{_ids(missing)} {verb} not answer, and {max(ids)} is the last that does",
             "check the cable before it and its power; a servo with the factory's id is set anew "
@@ -139,14 +139,14 @@ def _report_missing(line: Line, family: Family, ids: Sequence[int], patient: Pat
         )
 
 
-def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
+def _judge(servos: dict[int, Servo], family: Family, report: PortReport) -> None:
     for i, servo in servos.items():
         if why := family.refusal(servo):
             mend = (
                 "none: armd reads servos of the STS and SMS series, and Dynamixels of the X, MX, "
                 "AX, RX and DX series"
             )
-            patient.find("servo_refused", f"servo {i}: {why}", mend)
+            report.find("servo_refused", f"servo {i}: {why}", mend)
     by_model: dict[int, Counter[str]] = {}
     for servo in servos.values():
         by_model.setdefault(servo.model, Counter())[servo.firmware] += 1
@@ -160,14 +160,14 @@ def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
             ]
             text = f"mixed {family.register('firmware')}: {', '.join(mismatches)}, the other "
             text += f"{find_model_name(model, family.models)} {usual}"
-            patient.find(
+            report.find(
                 "mixed_firmware", text, f"bring all to one version with {TOOL[family.name]}"
             )
     on = [i for i, servo in servos.items() if servo.torque]
     if on:
         text = f"{family.register('torque')} is on at {_ids(on)}: it holds the joint, or pushes it"
         mend = "torque_off = true under [driver] of armd.toml, or switch the supply off and on"
-        patient.find("torque_on", text, mend)
+        report.find("torque_on", text, mend)
     slow = {i: s.return_delay_us for i, s in servos.items() if s.return_delay_us > SLOW_US}
     if slow:
         lost_ms = sum(slow.values()) / 1000
@@ -175,11 +175,11 @@ def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
         text = f"{_ids(list(slow))} {waits} {max(slow.values())} µs before each answer: "
         text += f"{lost_ms:.1f} ms a cycle"
         mend = "return_delay_us = 0 under [driver] of armd.toml, and armd run"
-        patient.find("return_delay", text, mend)
+        report.find("return_delay", text, mend)
 
 
 def _measure_rate(
-    line: Line, family: Family, ids: Sequence[int], readable: set[int], patient: Patient
+    line: Line, family: Family, ids: Sequence[int], readable: set[int], report: PortReport
 ) -> None:
     """Measure cycles a second of position and temperature, with the driver's requests.
 
@@ -191,8 +191,8 @@ def _measure_rate(
     how = "" if family.has_sync else ", read one by one"
     if only_alone and family.has_sync:  # the driver then reads all one by one
         cycles, how = _measure(line, family, single_ids), ", read one by one"
-    patient.rate_hz = round(cycles.rate_hz, 1)
-    patient.say(
+    report.rate_hz = round(cycles.rate_hz, 1)
+    report.say(
         f"{cycles.rate_hz:.0f} whole cycles a second of {len(ids)} servos{how}, position and "
         f"temperature; the line alone would allow {1 / cycles.line_s:.0f}"
     )
@@ -202,18 +202,18 @@ def _measure_rate(
         text += " alone: not the cable, but the firmware or the adapter; armd reads the servos of"
         text += f" this line one by one, {cycles.rate_hz:.0f} cycles a second"
         mend = f"update the firmware with {TOOL[family.name]}, or try another adapter"
-        patient.find("no_sync_read", text, mend)
+        report.find("no_sync_read", text, mend)
     for servo in ids:
         if cycles.answered[servo] < 0.95 * cycles.n:
             text = f"servo {servo} answered {cycles.answered[servo]} of {cycles.n} cycles"
-            patient.find("lost_answers", text, "check its cable and its supply voltage")
+            report.find("lost_answers", text, "check its cable and its supply voltage")
     for servo, error in sorted(cycles.alerts.items()):
         bits: bytes | None = bytes([error])
         if family.alarm is not None:
             bits = read(line, family, servo, family.alarm, 1)
         words = family.complaints(bits[0]) if bits else "something that it does not name"
         mend = "remove its cause (load, heat, supply), then switch the supply off and on"
-        patient.find("servo_alert", f"servo {servo} complains of: {words}", mend)
+        report.find("servo_alert", f"servo {servo} complains of: {words}", mend)
 
 
 @dataclass

@@ -72,7 +72,7 @@ class Lake:
 
         Points whose joints may still come remain, unless *to_the_end*.
         """
-        n = len(self._points) if to_the_end else self._decided()
+        n = len(self._points) if to_the_end else self._count_decided()
         if n:
             rows = np.frombuffer(b"".join(self._points[:n]), POINT)
             joint_frames = [self._joints.get(point[:KEY_BYTES]) for point in self._points[:n]]
@@ -114,7 +114,7 @@ class Lake:
             raise BadInput(self.folder, "the folder", problem, "one recorder an arm") from error
         return handle
 
-    def _decided(self) -> int:
+    def _count_decided(self) -> int:
         """Count the points that have their joints, or will never have them."""
         n = len(self._points)
         if not n:

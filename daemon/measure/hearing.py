@@ -42,18 +42,18 @@ class Hearing:
         before, self.silent = self.silent, self._clock_s() - self._heard_s > SILENT_S
         return self.silent != before
 
-    def knows(self, measurement: Mapping[str, Any]) -> bool:
+    def is_known(self, measurement: Mapping[str, Any]) -> bool:
         """Return whether the measurement was among `missed`; it may also arrive a moment later."""
         return _get_identity(measurement) in self._heard
 
-    def offered(self, measurement: Mapping[str, Any]) -> None:
+    def note_received(self, measurement: Mapping[str, Any]) -> None:
         """Note a measurement that was received, so that it is not missed."""
         self._heard.add(_get_identity(measurement))
 
     def missed(self) -> list[dict[str, Any]]:
         """Return measurements since the beginning that were not received, the oldest first."""
         past = self._arm.past(keys.MEASUREMENT)
-        missed = [measurement for measurement in past if not self.knows(measurement)]
+        missed = [measurement for measurement in past if not self.is_known(measurement)]
         self._heard.update(map(_get_identity, missed))
         return missed
 

@@ -164,7 +164,7 @@ def _refuse_elsewhere(
         text = f"{measured:.1f} mm from {name}, where {target} is {certified:.1f} mm from it"
     else:
         return None
-    if other_target := whereabouts.as_far_as(point, near_mm):
+    if other_target := whereabouts.find_by_distances(point, near_mm):
         return Refusal("too_far", f"{text}; as far as {other_target} is")
     return Refusal(
         "too_far", text + _describe_whose_fault(measurement, plan, progress, target, whereabouts)
@@ -180,7 +180,7 @@ def _describe_whose_fault(
 ) -> str:
     """Describe the earlier reading that may be the wrong one, or is."""
     point = np.array(measurement["position_mm"], dtype=float)
-    suspects = whereabouts.culprits(target, point, plan.near_mm)
+    suspects = whereabouts.find_suspects(target, point, plan.near_mm)
     if not suspects and whereabouts.is_measured(target):
         suspects = [target]  # a seat, or a ball of earlier rounds
     if not suspects:
@@ -193,10 +193,10 @@ def _describe_whose_fault(
 
 def _is_pressed_twice(measurement: Mapping[str, Any], plan: Plan, progress: Progress) -> bool:
     """Return whether the press before was refused at this place, and the arm moved since."""
-    stray = progress.stray
-    return stray is not None and (
-        math.dist(measurement["position_mm"], stray["position_mm"]) <= plan.near_mm
-        and _measure_turned_rad(measurement, stray) >= UNMOVED_RAD
+    last_too_far = progress.last_too_far
+    return last_too_far is not None and (
+        math.dist(measurement["position_mm"], last_too_far["position_mm"]) <= plan.near_mm
+        and _measure_turned_rad(measurement, last_too_far) >= UNMOVED_RAD
     )
 
 

@@ -72,7 +72,7 @@ class Terminal:
                 while self._heard and not self._over():
                     self._take(self._heard.popleft(), hearing)
                 if hearing.changed():
-                    self._waiting.over()
+                    self._waiting.restart()
                     self._tell_of(hearing)
                 if not hearing.silent and (text := self._waiting.take_reminder()):
                     self._say({"event": "waiting", "text": text})
@@ -122,9 +122,9 @@ class Terminal:
             measurement = json.loads(payload)
         except (ValueError, RecursionError):
             return
-        if isinstance(measurement, dict) and not hearing.knows(measurement):
+        if isinstance(measurement, dict) and not hearing.is_known(measurement):
             self._offer(measurement)
-            hearing.offered(measurement)
+            hearing.note_received(measurement)
 
     def _tell_of(self, hearing: Hearing) -> None:
         """Report that the arm is silent, or is received again with missed measurements."""
@@ -142,7 +142,7 @@ class Terminal:
     def _offer(self, measurement: Mapping[str, Any]) -> None:
         if measurement.get("trigger") != self._trigger:
             return  # a press during a rest that is a reading already
-        self._waiting.over()
+        self._waiting.restart()
         outcome = self._measuring.offer(measurement)
         self._say(outcome)
         if outcome["event"] == "reading" and outcome["taken"] % ESTIMATE_EVERY == 0:

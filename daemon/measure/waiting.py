@@ -24,9 +24,9 @@ class Waiting:
         """Begin a wait; *trigger* is "button" or "rest"."""
         self._text = TEXTS.get(trigger, TEXTS["button"]).format(s=PATIENCE_S)
         self._clock_s = clock_s
-        self.over()
+        self.restart()
 
-    def over(self) -> None:
+    def restart(self) -> None:
         """End the wait, because the press or rest has come, and begin the next one."""
         self._since_s = self._clock_s()
         self._is_reminded = False

@@ -67,8 +67,8 @@ class Publisher:
 
         Call it now and then: it takes Zenoh too long for every sample.
         """
-        self._recorded = _is_heard(self._raw)
-        self._joints_wanted = _is_heard(self._joints)
+        self._recorded = _has_subscribers(self._raw)
+        self._joints_wanted = _has_subscribers(self._joints)
 
     def put_raw(self, frames: Iterable[RawFrame]) -> None:
         """Publish raw frames while there is a subscriber."""
@@ -90,7 +90,7 @@ class Publisher:
         self._alive.undeclare()  # type: ignore[no-untyped-call]
 
 
-def _is_heard(publisher: zenoh.Publisher) -> bool:
+def _has_subscribers(publisher: zenoh.Publisher) -> bool:
     status: Any = publisher.matching_status  # always true itself, though Zenoh's stub has bool
     return bool(status.matching)
 

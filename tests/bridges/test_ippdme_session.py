@@ -138,12 +138,12 @@ def test_motion_is_reported_by_time_or_distance_ten_times_a_second_at_most(bench
 
 
 def test_errors_of_the_arm(bench: Bench) -> None:
-    assert not bench.machine.just_lost()
+    assert not bench.machine.take_loss()
     bench.move(0, 0, 0, flags=int(Flag.INVALID))
     assert bench.error("00002 Get(X())") == (3, 1000)
     bench.now_s += 2.0
-    assert bench.machine.just_lost()
-    assert not bench.machine.just_lost()
+    assert bench.machine.take_loss()
+    assert not bench.machine.take_loss()
     assert bench.error("00003 Get(X())") == (9, 503)
     assert bench.error("00004 Home()") == (3, 1005)
     bench.session.take_error(DmeError(2503), "encoder3")

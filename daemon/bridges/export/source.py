@@ -118,7 +118,7 @@ def from_path(path: Path) -> Measurements:
     if path.suffix == TABLE:
         return _from_table(path)
     if path.suffix.lower() in TABLES:
-        return Measurements(_of_points(path))
+        return Measurements(_read_points(path))
     if path.suffix != SUFFIX:
         expected = f"{SUFFIX}, {RECORDING} or {TABLE}"
         raise BadInput(path, "the suffix", repr(path.suffix), expected)
@@ -214,14 +214,14 @@ def _from_table(path: Path) -> Measurements:
         try:
             names = rows.fieldnames or []
             if not {"stamp_ns", "seq"} & set(names):
-                return Measurements(_of_points(path))
+                return Measurements(_read_points(path))
             for name in ("stamp_ns", "x_mm", "y_mm", "z_mm", "seq", "flags"):
                 if name not in names:
                     expected = "a table of `armd export`"
                     raise BadInput(path, f"column {name}", "nothing", expected)
             sensors = _sensor_columns(path, names)
             measurements = [
-                _measurement(path, f"row {n}", _of_row(row, sensors))
+                _measurement(path, f"row {n}", _convert_row(row, sensors))
                 for n, row in enumerate(rows, 1)
             ]
         except (ValueError, OverflowError, csv.Error) as error:
@@ -229,7 +229,7 @@ def _from_table(path: Path) -> Measurements:
     return Measurements(_in_order(measurements))
 
 
-def _of_points(path: Path) -> list[MeasurementLine]:
+def _read_points(path: Path) -> list[MeasurementLine]:
     """Read a table of points alone, in its order; nothing else is known of them."""
     positions = read_points(path).position_mm.tolist()
     return [
@@ -259,7 +259,7 @@ def _sensor_columns(path: Path, names: Sequence[str]) -> list[str]:
     return [name for name in names[last + 1 :] if name]
 
 
-def _of_row(row: dict[str, str], sensors: Sequence[str]) -> dict[str, Any]:
+def _convert_row(row: dict[str, str], sensors: Sequence[str]) -> dict[str, Any]:
     """Convert a row of a table to the data of a measurement; temperatures are in *sensors*.
 
     Raises `ValueError` for text that is not a number, or for more or fewer cells than the header

@@ -68,7 +68,7 @@ class Machine:
         """Whether the joints are known: points arrive, and are valid."""
         return self.in_reach and self._point is not None
 
-    def just_lost(self) -> bool:
+    def take_loss(self) -> bool:
         """Return True once each time that points stop arriving."""
         before, self._lost = self._lost, not self.in_reach
         return self._lost and not before

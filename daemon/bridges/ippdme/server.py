@@ -141,7 +141,7 @@ class DmeServer:
     def _tick(self, payloads: list[bytes]) -> None:
         if payloads:
             self._machine.note_point(np.frombuffer(payloads[-1], POINT)[0])
-        if self._machine.just_lost():
+        if self._machine.take_loss():
             self._tell(lambda dialogue: dialogue.take_error(DmeError(503), "armd"))
         now_s = time.monotonic()
         self._tell(lambda dialogue: dialogue.tick(now_s))

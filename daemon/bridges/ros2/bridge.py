@@ -75,7 +75,7 @@ class Bridge:
 
     async def serve(self) -> None:
         """Wait for the router without limit, with messages; then publish until cancelled."""
-        session = await _told_of(
+        session = await _wait_for_router(
             run_in_thread(lambda: open_client(self._settings.router)), self._settings.router
         )
         try:
@@ -226,7 +226,7 @@ class RouterLink:
             warn(f"router {self._router}: the connection is gone; it is tried again and again")
 
 
-async def _told_of(opening: asyncio.Future[zenoh.Session], router: str) -> zenoh.Session:
+async def _wait_for_router(opening: asyncio.Future[zenoh.Session], router: str) -> zenoh.Session:
     """Wait for *opening* and return its session; meanwhile messages say so."""
     patience_s = GONE_S
     while not (await asyncio.wait({opening}, timeout=patience_s))[0]:

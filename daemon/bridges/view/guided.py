@@ -53,7 +53,7 @@ class Guided:
         self._board = board
         self._folder = folder
         self._feed = feed
-        feed.measured = self._take
+        feed.measured = self._queue_measurement
         self._measuring: Measuring | None = None
         self._options = EndOptions()
         self._trigger = ""
@@ -94,11 +94,11 @@ class Guided:
         if outcome["event"] == "reading" and outcome["taken"] % ESTIMATE_EVERY == 0:
             self._estimate(measuring)
 
-    def _take(self, measurement: dict[str, Any]) -> None:
+    def _queue_measurement(self, measurement: dict[str, Any]) -> None:
         """Queue a measurement that arrived; one from before the beginning does not count."""
         is_triggered = measurement.get("trigger") == self._trigger
         if self._phase == "measuring" and is_triggered and measurement["stamp_ns"] > self._since_ns:
-            self._patience.over()
+            self._patience.restart()
             self._waiting.put_nowait(measurement)
 
     def choices(self) -> dict[str, Any]:

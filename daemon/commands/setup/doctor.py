@@ -12,7 +12,7 @@ from rich.markup import escape
 from armd.daemon.config import load_config
 from armd.daemon.doctor.examine import diagnose_port
 from armd.daemon.doctor.expected import compare
-from armd.daemon.doctor.finding import Patient
+from armd.daemon.doctor.finding import PortReport
 from armd.daemon.doctor.machine import ThisMachine, list_can_buses
 from armd.drivers.config import ServoConfig
 from armd.drivers.poll.protocol.families import FAMILIES
@@ -40,24 +40,24 @@ def run(args: argparse.Namespace) -> int:
     driver = _read_servos(args.config) if args.config else None
     port = args.port if driver is None else driver.port
     ports = [port] if port else [str(port) for port in list_serial_ports()]
-    patients = []
+    reports = []
     for port in ports:
         with make_moving_console(stderr=True).status(f"asking on {port} …"):
-            patients.append(diagnose_port(port, machine))
+            reports.append(diagnose_port(port, machine))
     if driver is not None:
-        compare(patients[0], args.config, driver)
+        compare(reports[0], args.config, driver)
     elif not args.port:
-        patients += list_can_buses()
-    if not patients:
-        nothing = Patient("this machine")
+        reports += list_can_buses()
+    if not reports:
+        nothing = PortReport("this machine")
         text = "no serial adapter and no CAN interface is plugged in"
         nothing.find("no_port", text, "plug the arm in, then `armd doctor` again; lsusb shows USB")
-        patients.append(nothing)
-    troubled = any(patient.findings for patient in patients)
+        reports.append(nothing)
+    troubled = any(report.findings for report in reports)
     if args.json:
-        print(json.dumps({"ok": not troubled, "ports": [p.as_json() for p in patients]}, indent=1))
+        print(json.dumps({"ok": not troubled, "ports": [p.as_json() for p in reports]}, indent=1))
     else:
-        _print(patients, troubled)
+        _print(reports, troubled)
     return 1 if troubled else 0
 
 
@@ -69,13 +69,13 @@ def _read_servos(file: Path) -> ServoConfig:
     return driver
 
 
-def _print(patients: list[Patient], troubled: bool) -> None:
+def _print(reports: list[PortReport], troubled: bool) -> None:
     console = Console(soft_wrap=True, highlight=False)
-    for patient in patients:
-        console.print(f"[bold]{escape(patient.name)}[/bold]")
-        for fact in patient.facts:
+    for report in reports:
+        console.print(f"[bold]{escape(report.name)}[/bold]")
+        for fact in report.facts:
             console.print(f"  {escape(fact)}")
-        for finding in patient.findings:
+        for finding in report.findings:
             console.print(f"  [red]✗[/red] {escape(finding.text)}")
             console.print(f"    do: {escape(finding.mend)}")
     if not troubled:

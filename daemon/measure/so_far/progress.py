@@ -46,13 +46,13 @@ class Progress:
         self.last_number = 0
         self.artefact_c: float | None = None
         #: The last measurement refused as too far off, if nothing was taken or deleted since.
-        self.stray: Mapping[str, Any] | None = None
+        self.last_too_far: Mapping[str, Any] | None = None
         self._filled: set[int] = set()
         self._again: Station | None = None
 
     def apply(self, entry: Mapping[str, Any]) -> None:
         """Apply an entry; raises `ValueError` or `KeyError` if it cannot follow the others."""
-        stray = None
+        last_too_far = None
         match entry["what"]:
             case "reading":
                 self._take(entry)
@@ -63,13 +63,15 @@ class Progress:
             case "skipped":
                 self._skip(entry["station"])
             case "artefact_c":
-                self.artefact_c, stray = entry["artefact_c"], self.stray
+                self.artefact_c, last_too_far = entry["artefact_c"], self.last_too_far
             case "refused":
                 self.refused[str(entry["reason"])] += 1
-                stray = entry["measurement"] if entry["reason"] == "too_far" else self.stray
+                last_too_far = (
+                    entry["measurement"] if entry["reason"] == "too_far" else self.last_too_far
+                )
             case other:
                 raise ValueError(f"{other!r}, which is nothing that happens")
-        self.stray = stray
+        self.last_too_far = last_too_far
 
     @property
     def next_index(self) -> int | None:

@@ -89,7 +89,7 @@ class Whereabouts:
                 worst = name, measured, certified
         return worst
 
-    def culprits(self, target: str, point_mm: F64, near_mm: float) -> list[str]:
+    def find_suspects(self, target: str, point_mm: F64, near_mm: float) -> list[str]:
         """Return the measured targets that may be wrong if *target* is at a point.
 
         Each of them alone, at another position, would end every contradiction of certified
@@ -105,7 +105,7 @@ class Whereabouts:
         suspects = [name for name in self._positions if all(name in pair for pair in torn)]
         return [name for name in suspects if torn and name != target]
 
-    def as_far_as(self, point_mm: F64, near_mm: float) -> str | None:
+    def find_by_distances(self, point_mm: F64, near_mm: float) -> str | None:
         """Return the only unmeasured target with a point's distances from all measured ones."""
         fitting = []
         for name in self._certified.keys() - self._positions.keys():

@@ -21,7 +21,7 @@ from armd.daemon.commands.setup import doctor
 from armd.daemon.config import load_config
 from armd.daemon.doctor.examine import diagnose_port
 from armd.daemon.doctor.expected import compare
-from armd.daemon.doctor.finding import Patient
+from armd.daemon.doctor.finding import PortReport
 from armd.daemon.doctor.machine import ThisMachine, list_can_buses
 from armd.drivers.config import ServoConfig
 from armd.simulator.servobus.arm import make_arm_toml
@@ -40,18 +40,18 @@ def _doctor(port: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[st
     return code, said["ports"][0]
 
 
-def _kinds(patient: dict[str, Any]) -> set[str]:
-    return {finding["kind"] for finding in patient["findings"]}
+def _kinds(report: dict[str, Any]) -> set[str]:
+    return {finding["kind"] for finding in report["findings"]}
 
 
 @pytest.mark.serial
 def test_six_good_servos_are_well(capsys: pytest.CaptureFixture[str]) -> None:
     with FakeServos("feetech", {i: sts3215() for i in range(1, 7)}) as bus:
-        code, patient = _doctor(bus.port, capsys)
-    assert code == 0, patient["findings"]
-    assert patient["protocol"] == "feetech" and patient["baud"] == 1_000_000
-    assert [servo["id"] for servo in patient["servos"]] == [1, 2, 3, 4, 5, 6]
-    assert patient["servos"][0] == {
+        code, report = _doctor(bus.port, capsys)
+    assert code == 0, report["findings"]
+    assert report["protocol"] == "feetech" and report["baud"] == 1_000_000
+    assert [servo["id"] for servo in report["servos"]] == [1, 2, 3, 4, 5, 6]
+    assert report["servos"][0] == {
         "id": 1,
         "model": 777,
         "firmware": "3.10",
@@ -63,7 +63,7 @@ def test_six_good_servos_are_well(capsys: pytest.CaptureFixture[str]) -> None:
         "offset_in_force": True,
         "divider": 1,
     }
-    assert patient["rate_hz"] > 20
+    assert report["rate_hz"] > 20
     assert bus.writes == []  # it changes nothing
 
 
@@ -76,10 +76,10 @@ def test_what_is_wrong_with_servos_is_told_and_how_to_mend_it(
     with FakeServos("feetech", tables) as bus:
         found = diagnose_port(bus.port, ThisMachine())
     doctor._print([found], True)
-    patient = found.as_json()
+    report = found.as_json()
     assert bus.writes == []
-    assert _kinds(patient) == {"missing_id", "mixed_firmware", "torque_on", "return_delay"}
-    texts = {finding["kind"]: finding["text"] for finding in patient["findings"]}
+    assert _kinds(report) == {"missing_id", "mixed_firmware", "torque_on", "return_delay"}
+    texts = {finding["kind"]: finding["text"] for finding in report["findings"]}
     assert texts["missing_id"] == "servo 3 does not answer, and 6 is the last that does"
     mixed = "mixed firmware (register 0): servo 5 has 3.9, the other STS3215 3.10"
     assert texts["mixed_firmware"] == mixed
@@ -100,14 +100,14 @@ def test_servos_are_held_against_armd_toml(
         config = write_config(tmp_path, bus.port, free_endpoint(), driver=keys, kind="feetech")
         capsys.readouterr()
         code = cli.main(["doctor", "--config", str(config), "--json"])
-    (patient,) = json.loads(capsys.readouterr().out)["ports"]
+    (report,) = json.loads(capsys.readouterr().out)["ports"]
     assert code == 1
-    told = [finding["text"] for finding in patient["findings"]]
+    told = [finding["text"] for finding in report["findings"]]
     assert f"servo 7 (joint 5) of {config}: found no answer, expected one" in told
     assert f"servo 9 (temperature_ids) of {config}: found no answer, expected one" in told
     speaks = f"{config}: driver.baud: found 500000, and servos that speak at 1000000"
     assert speaks in told
-    assert f"servo 6 answers, and {config} does not name it" in patient["facts"]
+    assert f"servo 6 answers, and {config} does not name it" in report["facts"]
     assert bus.writes == []
 
 
@@ -115,13 +115,13 @@ def test_servos_are_held_against_armd_toml(
 @pytest.mark.serial
 def test_dynamixel_as_from_the_factory(capsys: pytest.CaptureFixture[str]) -> None:
     with FakeServos("dynamixel", {i: xl330() for i in range(11, 17)}) as bus:
-        code, patient = _doctor(bus.port, capsys)
+        code, report = _doctor(bus.port, capsys)
     assert code == 1 and bus.writes == []
-    assert patient["protocol"] == "dynamixel"
-    assert [servo["id"] for servo in patient["servos"]] == [11, 12, 13, 14, 15, 16]
-    assert _kinds(patient) == {"return_delay"}  # and no id is missing before 11
-    assert "XL330-M288, firmware 52" in str(patient["facts"])
-    assert "3.0 ms a cycle" in str(patient["findings"])
+    assert report["protocol"] == "dynamixel"
+    assert [servo["id"] for servo in report["servos"]] == [11, 12, 13, 14, 15, 16]
+    assert _kinds(report) == {"return_delay"}  # and no id is missing before 11
+    assert "XL330-M288, firmware 52" in str(report["facts"])
+    assert "3.0 ms a cycle" in str(report["findings"])
 
 
 def test_servos_that_cannot_be_used_are_named(capsys: pytest.CaptureFixture[str]) -> None:
@@ -149,9 +149,9 @@ def test_a_servo_that_speaks_at_another_rate_is_found(capsys: pytest.CaptureFixt
     """In the gap of a row: it was new, and still has the factory's rate."""
     tables = {i: sts3215() for i in (1, 2, 4, 3)}
     with FakeServos("feetech", tables, baud=115_200, odd=3) as bus:
-        code, patient = _doctor(bus.port, capsys)
+        code, report = _doctor(bus.port, capsys)
     assert code == 1 and bus.writes == []
-    (finding,) = patient["findings"]
+    (finding,) = report["findings"]
     assert finding["kind"] == "other_baud"
     assert finding["text"] == "servo 3 answers at 115200 baud, the others at 1000000"
     assert finding["mend"] == "set its rate to 1000000 with the maker's tool"
@@ -167,20 +167,20 @@ def test_a_line_with_a_fault_has_the_servos_that_it_has(
     with simulated_arm(
         tmp_path, "--fault", f"{fault}@0:90", wire=("--servo", family), seconds=60
     ) as arm:
-        code, patient = _doctor(arm.port, capsys)
-    assert [servo["id"] for servo in patient["servos"]] == [1, 2, 3, 4, 5, 6]
+        code, report = _doctor(arm.port, capsys)
+    assert [servo["id"] for servo in report["servos"]] == [1, 2, 3, 4, 5, 6]
     hears_itself = "the adapter hears what it says, and armd passes over that"
-    assert (hears_itself in patient["facts"]) == (fault == "echo")
+    assert (hears_itself in report["facts"]) == (fault == "echo")
     assert code == (fault == "servo_alert")
-    assert _kinds(patient) == ({"servo_alert"} if fault == "servo_alert" else set())
+    assert _kinds(report) == ({"servo_alert"} if fault == "servo_alert" else set())
     if fault == "servo_alert":
-        assert patient["findings"][0]["text"] == "servo 2 complains of: overload"
+        assert report["findings"][0]["text"] == "servo 2 complains of: overload"
 
 
 def test_several_that_are_missing_are_one_finding(capsys: pytest.CaptureFixture[str]) -> None:
     with FakeServos("feetech", {i: sts3215() for i in (1, 3, 8)}) as bus:
-        _, patient = _doctor(bus.port, capsys)
-    (text,) = [f["text"] for f in patient["findings"] if f["kind"] == "missing_id"]
+        _, report = _doctor(bus.port, capsys)
+    (text,) = [f["text"] for f in report["findings"] if f["kind"] == "missing_id"]
     assert text == "servos 2, 4 to 7 do not answer, and 8 is the last that does"
 
 
@@ -190,13 +190,13 @@ def test_another_kind_of_servo_than_the_files_is_told_with_the_key(tmp_path: Pat
     config = write_config(tmp_path, "/dev/ttyACM0", free_endpoint(), **own)
     driver = load_config(config).file.driver
     assert isinstance(driver, ServoConfig)
-    patient = Patient("/dev/ttyACM0", protocol="feetech", baud=1_000_000)
-    compare(patient, config, driver)
-    (finding,) = patient.findings
+    report = PortReport("/dev/ttyACM0", protocol="feetech", baud=1_000_000)
+    compare(report, config, driver)
+    (finding,) = report.findings
     assert finding.kind == "other_kind"
     assert finding.text == f"{config}: driver.kind: found dynamixel, and feetech servos on the line"
     assert finding.mend == f'kind = "feetech" under [driver] of {config}'
-    other = Patient("/dev/ttyACM0", protocol="microscribe", baud=115_200)
+    other = PortReport("/dev/ttyACM0", protocol="microscribe", baud=115_200)
     compare(other, config, driver)
     told = "driver.kind: found dynamixel, and a MicroScribe on the line"
     assert other.findings[0].text == f"{config}: {told}"
@@ -216,16 +216,16 @@ def test_another_device_and_another_program_on_the_port_are_told(
 
     talking = threading.Thread(target=talk)
     talking.start()
-    code, patient = _doctor(str(bus.link), capsys)
+    code, report = _doctor(str(bus.link), capsys)
     stop.set()
     talking.join()
-    (finding,) = patient["findings"]
+    (finding,) = report["findings"]
     assert code == 1 and finding["kind"] == "no_answer"
     assert finding["text"].endswith("bytes of something else came: another device?")
     with serial.Serial(str(bus.link), exclusive=True):
-        code, patient = _doctor(str(bus.link), capsys)
+        code, report = _doctor(str(bus.link), capsys)
     bus.unplug()
-    (finding,) = patient["findings"]
+    (finding,) = report["findings"]
     assert code == 1 and finding["kind"] == "port_held"
     assert finding["mend"] == f"sudo fuser -v {bus.link} names it: end it"
 
@@ -233,8 +233,8 @@ def test_another_device_and_another_program_on_the_port_are_told(
 @pytest.mark.slow
 def test_a_port_where_nobody_answers_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     with FakeServos("feetech", {}) as bus:
-        code, patient = _doctor(bus.port, capsys)
-    (finding,) = patient["findings"]
+        code, report = _doctor(bus.port, capsys)
+    (finding,) = report["findings"]
     assert code == 1 and finding["kind"] == "no_answer"
     assert finding["text"].endswith("it is a pseudo-terminal")
     assert finding["mend"].startswith("start the program that is to speak at its other end")
@@ -244,20 +244,20 @@ def test_an_arm_of_our_own_wire_is_known(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with simulated_arm(tmp_path, seconds=20) as arm:
-        code, patient = _doctor(arm.port, capsys)
+        code, report = _doctor(arm.port, capsys)
         arm.stop()
-    assert code == 0 and patient["protocol"] == "serial"
-    assert "arm SIM-0001 at" in str(patient["facts"])
+    assert code == 0 and report["protocol"] == "serial"
+    assert "arm SIM-0001 at" in str(report["facts"])
 
 
 @pytest.mark.slow
 def test_a_microscribe_is_known(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with simulated_arm(tmp_path, wire=("--microscribe",), seconds=60) as arm:
-        code, patient = _doctor(arm.port, capsys)
+        code, report = _doctor(arm.port, capsys)
         # Nothing is left behind: the next program begins its session as the first one did.
         assert cli.main(["arm", "microscribe", "--port", arm.port]) == 0
         arm.stop()
-    assert code == 0 and patient["protocol"] == "microscribe"
+    assert code == 0 and report["protocol"] == "microscribe"
     assert 'serial_number = "40937"' in capsys.readouterr().out
 
 
@@ -277,18 +277,18 @@ def test_an_adapter_that_hears_itself_is_no_arm(
     adapter = threading.Thread(target=echo)
     adapter.start()
     try:
-        code, patient = _doctor(str(line.link), capsys)
+        code, report = _doctor(str(line.link), capsys)
     finally:
         stop.set()
         adapter.join()
         line.unplug()
-    assert code == 1 and patient["protocol"] == "" and _kinds(patient) == {"no_answer"}
-    assert "hears what it says" in patient["findings"][0]["text"]
+    assert code == 1 and report["protocol"] == "" and _kinds(report) == {"no_answer"}
+    assert "hears what it says" in report["findings"][0]["text"]
 
 
 def test_a_port_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
-    code, patient = _doctor("/dev/ttyUSB_none", capsys)
-    assert code == 1 and _kinds(patient) == {"no_port"}
+    code, report = _doctor("/dev/ttyUSB_none", capsys)
+    assert code == 1 and _kinds(report) == {"no_port"}
 
 
 def test_what_is_no_serial_port_is_called_what_it_is(
@@ -311,8 +311,8 @@ def test_what_is_no_serial_port_is_called_what_it_is(
         tmp_path / "loop": ("Too many levels of symbolic links", f"namei -l {tmp_path / 'loop'}"),
     }
     for port, (words, mend) in said.items():
-        code, patient = _doctor(str(port), capsys)
-        (finding,) = patient["findings"]
+        code, report = _doctor(str(port), capsys)
+        (finding,) = report["findings"]
         assert code == 1 and finding["text"].startswith(f"{port} "), finding
         assert finding["text"].endswith(words) and mend in finding["mend"], finding
     command = [sys.executable, "-m", "armd", "doctor", "--port", "/dev/null"]
@@ -352,10 +352,10 @@ def test_a_port_that_goes_away_while_it_is_asked_is_told(
 
     pulling = threading.Thread(target=pull)
     pulling.start()
-    code, patient = _doctor(port, capsys)
+    code, report = _doctor(port, capsys)
     pulling.join()
     os.close(slave)
-    (finding,) = patient["findings"]
+    (finding,) = report["findings"]
     assert code == 1 and finding["kind"] == "gone" and "went away" in finding["text"]
 
 
@@ -384,37 +384,37 @@ def test_a_latency_timer_of_16_ms_is_told(tmp_path: Path) -> None:
     timer = tmp_path / "sys/bus/usb-serial/devices/ttyUSB0/latency_timer"
     timer.parent.mkdir(parents=True)
     timer.write_text("16\n")
-    patient = Patient(str(port))
-    assert machine.examine(port, patient)  # slow, but it works
-    (finding,) = patient.findings
+    report = PortReport(str(port))
+    assert machine.examine(port, report)  # slow, but it works
+    (finding,) = report.findings
     assert finding.kind == "latency_timer" and f"echo 1 | sudo tee {timer}" in finding.mend
     timer.write_text("1\n")
-    well = Patient(str(port))
+    well = PortReport(str(port))
     assert machine.examine(port, well) and not well.findings
 
 
 def test_a_port_without_permission_names_its_group(tmp_path: Path) -> None:
     machine, port = _machine(tmp_path, uid=54321)
     port.chmod(0o660)
-    patient = Patient(str(port))
-    assert not machine.examine(port, patient)
-    (finding,) = patient.findings
+    report = PortReport(str(port))
+    assert not machine.examine(port, report)
+    (finding,) = report.findings
     assert finding.kind == "permission" and finding.mend.startswith("sudo usermod -aG root 54321")
     ours = ThisMachine(machine.sys, machine.proc, 54321, {port.stat().st_gid})
-    assert ours.examine(port, Patient(str(port)))
+    assert ours.examine(port, PortReport(str(port)))
 
 
 def test_modem_manager_and_others_that_hold_the_port_are_named(tmp_path: Path) -> None:
     machine, port = _machine(tmp_path)
     _process(tmp_path, 7, "ModemManager", None)
-    patient = Patient(str(port))
-    assert machine.examine(port, patient) and not patient.findings
-    assert "ModemManager runs" in str(patient.facts)
+    report = PortReport(str(port))
+    assert machine.examine(port, report) and not report.findings
+    assert "ModemManager runs" in str(report.facts)
     _process(tmp_path, 8, "ModemManager", port)
     _process(tmp_path, 9, "lerobot", port)
-    patient = Patient(str(port))
-    assert not machine.examine(port, patient)
-    mend = {finding.kind: finding.mend for finding in patient.findings}
+    report = PortReport(str(port))
+    assert not machine.examine(port, report)
+    mend = {finding.kind: finding.mend for finding in report.findings}
     assert mend["modem_manager"] == "sudo systemctl disable --now ModemManager"
     assert mend["port_held"] == "end it: kill 9"
 
@@ -438,11 +438,11 @@ def test_servos_of_protocol_1_are_told_from_feetechs(
     """Their pings are the same packets."""
     for kind, model in (("dynamixel1", 29), ("feetech", 777)):
         with simulated_arm(tmp_path, wire=("--servo", kind)) as arm:
-            code, patient = _doctor(arm.port, capsys)
-        assert code == 0, patient["findings"]
-        assert patient["protocol"] == kind and patient["baud"] == 1_000_000
-        assert patient["servos"][0]["model"] == model
-        assert [servo["id"] for servo in patient["servos"]] == [1, 2, 3, 4, 5, 6]
-        said = " ".join(patient["facts"])
+            code, report = _doctor(arm.port, capsys)
+        assert code == 0, report["findings"]
+        assert report["protocol"] == kind and report["baud"] == 1_000_000
+        assert report["servos"][0]["model"] == model
+        assert [servo["id"] for servo in report["servos"]] == [1, 2, 3, 4, 5, 6]
+        said = " ".join(report["facts"])
         assert ("read one by one" in said) == (kind == "dynamixel1")
-        assert patient["rate_hz"] > 20
+        assert report["rate_hz"] > 20

@@ -232,7 +232,7 @@ def test_who_waits_for_a_press_or_a_rest_is_told_after_20_s_once_a_wait(trigger,
     now["s"] = 20.0
     assert what in waits.take_reminder() and waits.take_reminder() == ""
     now["s"] = 30.0
-    waits.over()
+    waits.restart()
     now["s"] = 49.0
     assert waits.take_reminder() == ""
     now["s"] = 50.0
