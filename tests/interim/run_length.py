@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.reduced import Reduced
-from armd.compensation.interim.evidence.likelihood import MOST_BACK, NOISE_WORD, SIZES
+from armd.compensation.interim.evidence.likelihood import MOST_BACK, NOISE_WEIGHT, SIZES
 from armd.compensation.interim.evidence.stack import DAY_S, OnsetSums, RunningSums, join_checks
 
 #: Standing errors of a size less likely than this are left out: without a change no ratio is so
@@ -52,12 +52,12 @@ def noise_alone(
         first = np.arange(max(0, n - MOST_BACK), n)
         known = of.eliminate_errors(sums.sum_first(n))
         begun = list(sums.sum_by_onset(first, n, known.rotation))
-        freedom = NOISE_WORD + float(sums.numbers[n])
+        freedom = NOISE_WEIGHT + float(sums.numbers[n])
         roots, sides, marginals = [], [], []
         for weight, spread in zip(known.weights, known.spread, strict=True):
             root = np.sqrt(weight)
             side = root[:, None] * (known.rotation @ known_side[n - 1])
-            left = NOISE_WORD + square[n - 1] - (side**2).sum(axis=0)
+            left = NOISE_WEIGHT + square[n - 1] - (side**2).sum(axis=0)
             marginals.append(-spread - 0.5 * freedom * np.log(left))
             roots.append(root)
             sides.append(side)
@@ -87,7 +87,7 @@ def _log_ratio(
     origin: F64,
 ) -> F64:
     """(draws,) log of the summed ratio with standing errors of one size."""
-    left = NOISE_WORD + square - (side**2).sum(axis=0)
+    left = NOISE_WEIGHT + square - (side**2).sum(axis=0)
     total = np.full(side.shape[1], -np.inf)
     for shape, one in enumerate(begun):
         cross = one.cross * root  # (T, C, q), columns group by group

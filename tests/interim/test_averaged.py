@@ -12,7 +12,7 @@ from armd.compensation.interim.changes import scenarios as module
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.changes.scenarios import list_scenarios
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.likelihood import NOISE_WORD, SIZES
+from armd.compensation.interim.evidence.likelihood import NOISE_WEIGHT, SIZES
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.report.amend import fit
 from armd.compensation.interim.report.average import Averaged, compute_average
@@ -40,7 +40,7 @@ def moments(of: Stack, causes: list[Cause], probe: np.ndarray) -> tuple[float, f
             for size in SIZES:
                 shape = np.eye(len(z)) + known @ known.T + size**2 * x @ x.T
                 gain = size**2 * x.T @ np.linalg.inv(shape)
-                scale = (NOISE_WORD + z @ np.linalg.inv(shape) @ z) / (NOISE_WORD + len(z))
+                scale = (NOISE_WEIGHT + z @ np.linalg.inv(shape) @ z) / (NOISE_WEIGHT + len(z))
                 own = scale * (size**2 * np.eye(x.shape[1]) - size**2 * gain @ x)
                 at = probe[block]
                 logs.append(density(of, more, size) + np.log(cause.prior_sudden))

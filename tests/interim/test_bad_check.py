@@ -15,10 +15,10 @@ from armd.compensation.interim.evidence.bad_check import (
     GRAINS_MM,
     ONE_IN,
     SCATTERS,
-    Rest,
+    OtherChecks,
     find_spoilt,
 )
-from armd.compensation.interim.evidence.likelihood import NOISE_WORD
+from armd.compensation.interim.evidence.likelihood import NOISE_WEIGHT
 from armd.compensation.interim.evidence.stack import Stack
 
 TARGETS = 2
@@ -38,7 +38,7 @@ def density(of: Stack, more: np.ndarray) -> float:
     shape = np.eye(len(z)) + known @ known.T
     r = len(of.residual[-1])
     shape[-r:, -r:] += more
-    return float(multivariate_t.logpdf(z, np.zeros(len(z)), shape, df=NOISE_WORD))
+    return float(multivariate_t.logpdf(z, np.zeros(len(z)), shape, df=NOISE_WEIGHT))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -60,7 +60,9 @@ def test_the_evidence_is_a_ratio_of_densities(seed: int, check: int) -> None:
         for family in families
     ]
     expected = logsumexp(each) - np.log(len(each)) - density(last, np.zeros((r, r)))
-    assert Rest(of, of.sum_checks(kept)).log_evidence(check) == pytest.approx(expected, abs=1e-8)
+    assert OtherChecks(of, of.sum_checks(kept)).log_evidence(check) == pytest.approx(
+        expected, abs=1e-8
+    )
 
 
 def test_the_worst_goes_first_and_what_it_had_hidden_next() -> None:
@@ -76,7 +78,7 @@ def test_the_worst_goes_first_and_what_it_had_hidden_next() -> None:
     of = Stack(np.arange(float(n)), tuple(residual), nothing, known, targets, ())
     odds = find_spoilt(of, of.sum_checks(range(n)), range(n))
     assert list(odds) == [4, 7]
-    first = Rest(of, of.sum_checks(range(n)))
+    first = OtherChecks(of, of.sum_checks(range(n)))
     assert odds[4] == first.log_evidence(4) - np.log(ONE_IN)
     # Beside the grain, the noise looked as large as the unsteady hand's.
     assert first.log_evidence(7) < odds[7] + np.log(ONE_IN)

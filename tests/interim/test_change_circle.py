@@ -15,10 +15,10 @@ from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import joint
 from armd.compensation.interim.changes import find as search
 from armd.compensation.interim.changes.change import compute_shapes, list_amplitude_sizes
-from armd.compensation.interim.changes.circle import SearchState, choose_best_stand, find_circle
+from armd.compensation.interim.changes.circle import SearchState, choose_best_state, find_cycle
 from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.likelihood import LIMIT, NOISE_WORD
+from armd.compensation.interim.evidence.likelihood import LIMIT, NOISE_WEIGHT
 from armd.compensation.interim.evidence.looks import EpochLook, QuietRun
 from armd.compensation.interim.evidence.stack import Stack
 from support.selection import parametrize_default
@@ -51,11 +51,11 @@ def wearing(
     return Stack(np.arange(float(checks)), residual, tuple(columns), known, targets, blocks), causes
 
 
-def by_hand(of: Stack, stand: SearchState, good: Sequence[int]) -> float:
+def by_hand(of: Stack, state: SearchState, good: Sequence[int]) -> float:
     """Log density of the readings of *good* checks, from their covariance as it stands, less the
     price of the changes."""
     rows = [*np.concatenate([of.error_columns[i] for i in good]).T]
-    for change in stand.changes:
+    for change in state.changes:
         assert change.cause is not None
         block, shape = of.blocks[change.cause], compute_shapes(of, change)
         for sizes, course in zip(list_amplitude_sizes(change, block.stop - block.start), shape.T,
@@ -65,8 +65,8 @@ def by_hand(of: Stack, stand: SearchState, good: Sequence[int]) -> float:
     beside = np.array(rows)
     covariance = np.eye(beside.shape[1]) + beside.T @ beside
     readings = np.concatenate([of.residual[i] for i in good])
-    density = multivariate_t.logpdf(readings, shape=covariance, df=NOISE_WORD)
-    return float(density) - LIMIT * len(stand.changes)
+    density = multivariate_t.logpdf(readings, shape=covariance, df=NOISE_WEIGHT)
+    return float(density) - LIMIT * len(state.changes)
 
 
 @parametrize_default("seed", SEEDS)
@@ -76,31 +76,31 @@ def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
     of, causes = wearing(seed)
     begun: list[Any] = []
     rounds: list[Sequence[SearchState]] = []
-    looking, choosing = search.detect_changes, search.choose_best_stand
+    looking, choosing = search.detect_changes, search.choose_best_state
 
     def watch(*given: Any) -> Any:
         begun.append(given[2])
         assert len(begun) < 20, f"looks from {begun}"
         return looking(*given)
 
-    def chosen(of: Stack, stands: Sequence[SearchState]) -> SearchState:
-        rounds.append(stands)
-        return choosing(of, stands)
+    def chosen(of: Stack, states: Sequence[SearchState]) -> SearchState:
+        rounds.append(states)
+        return choosing(of, states)
 
     with monkeypatch.context() as patched:
         patched.setattr(search, "detect_changes", watch)
-        patched.setattr(search, "choose_best_stand", chosen)
+        patched.setattr(search, "choose_best_state", chosen)
         found = find(of, causes)
     # It came back, and looked nowhere twice.
-    (stands,) = rounds
+    (states,) = rounds
     looks = found.looked.looks
-    assert len(stands) > 1 and len(looks) == len(begun) == len(set(looks))
-    evidence = [by_hand(of, stand, range(of.n)) for stand in stands]
-    assert not any(stand.bad for stand in stands) and np.ptp(evidence) > 1e-3
-    likeliest = stands[int(np.argmax(evidence))]
+    assert len(states) > 1 and len(looks) == len(begun) == len(set(looks))
+    evidence = [by_hand(of, state, range(of.n)) for state in states]
+    assert not any(state.bad for state in states) and np.ptp(evidence) > 1e-3
+    likeliest = states[int(np.argmax(evidence))]
     # Wherever the circle is entered.
-    for k in range(len(stands)):
-        assert choose_best_stand(of, [*stands[k:], *stands[:k]]) is likeliest
+    for k in range(len(states)):
+        assert choose_best_state(of, [*states[k:], *states[:k]]) is likeliest
     # And one check more, from what was looked at, ends as one that begins anew does.
     longer = find(of, causes, find(of.select_checks(range(of.n - 1)), causes).looked)
     assert [change.key for change in longer.changes] == [change.key for change in found.changes]
@@ -117,21 +117,21 @@ def test_a_check_that_one_of_them_takes_for_bad_speaks_for_none() -> None:
     wrong = SearchState(look, (step,),
                   (13,), tuple(range(20)))  # fmt: skip
     # Of the last sixteen checks alone both are weighed.
-    evidence = [by_hand(of, stand, range(20, of.n)) for stand in (right, wrong)]
-    assert choose_best_stand(of, (right, wrong)) is choose_best_stand(of, (wrong, right))
-    assert choose_best_stand(of, (right, wrong)) is (right, wrong)[int(np.argmax(evidence))]
+    evidence = [by_hand(of, state, range(20, of.n)) for state in (right, wrong)]
+    assert choose_best_state(of, (right, wrong)) is choose_best_state(of, (wrong, right))
+    assert choose_best_state(of, (right, wrong)) is (right, wrong)[int(np.argmax(evidence))]
     # The same change said twice is no likelier, and costs one more.
     twice = replace(right, changes=(change, change))
-    assert choose_best_stand(of, (twice, right)) is right
+    assert choose_best_state(of, (twice, right)) is right
 
 
 def test_a_search_is_back_only_where_it_would_go_on_the_same_way() -> None:
     run = QuietRun((0.5,))
     looks = [EpochLook(0, (), (), run), EpochLook(5, (1,), (4.0, 0.5), run),
              EpochLook(9, (1,), (4.0, 0.7), QuietRun((0.5,)))]  # fmt: skip
-    stands = [SearchState(look, (), (7,) if look.since else (), ()) for look in looks]
-    assert find_circle(stands, 5, (1,), (4.0, 0.5 * (1 + 1e-12)), [7]) == stands[1:]
-    assert find_circle(stands, 9, (1,), (4.0, 0.7), [7]) == stands[2:]
+    states = [SearchState(look, (), (7,) if look.since else (), ()) for look in looks]
+    assert find_cycle(states, 5, (1,), (4.0, 0.5 * (1 + 1e-12)), [7]) == states[1:]
+    assert find_cycle(states, 9, (1,), (4.0, 0.7), [7]) == states[2:]
     for other in ((5, (1,), (4.0, 0.51), [7]), (5, (), (4.0, 0.5), [7]), (5, (1,), (4.0, 0.5), [8]),
                   (6, (1,), (4.0, 0.5), [7])):  # fmt: skip
-        assert not find_circle(stands, *other)
+        assert not find_cycle(states, *other)

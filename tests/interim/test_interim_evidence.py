@@ -17,9 +17,9 @@ from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import joint
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.bad_check import Rest
+from armd.compensation.interim.evidence.bad_check import OtherChecks
 from armd.compensation.interim.evidence.likelihood import (
-    NOISE_WORD,
+    NOISE_WEIGHT,
     SIZES,
     compute_log_marginal,
     fit_standing_share,
@@ -57,7 +57,7 @@ def density(of: Stack, more: list[np.ndarray], size: float) -> float:
     z = np.concatenate(of.residual)
     known, extra = np.concatenate(of.error_columns), np.concatenate(more)
     shape = np.eye(len(z)) + known @ known.T + size**2 * extra @ extra.T
-    return float(multivariate_t.logpdf(z, np.zeros(len(z)), shape, df=NOISE_WORD))
+    return float(multivariate_t.logpdf(z, np.zeros(len(z)), shape, df=NOISE_WEIGHT))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -245,11 +245,11 @@ def test_how_large_standing_errors_are_is_averaged_over(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_usual_check_beside_the_rest_is_all_of_them(seed: int) -> None:
-    """Whatever the standing errors' size: the rest's density times the check's is that of all."""
+    """Whatever the standing errors' size: the others' density times the check's is that of all."""
     of, _ = with_standing(seed)
     of = replace(of, targets=tuple(np.ones((len(z), 3)) for z in of.residual))
-    rest = Rest(of, of.sum_checks(range(of.n)))
-    together = rest.log_densities(3)[:, :2].sum(axis=1)
+    other_checks = OtherChecks(of, of.sum_checks(range(of.n)))
+    together = other_checks.log_densities(3)[:, :2].sum(axis=1)
     nothing = [np.zeros((len(z), 1)) for z in of.residual]
     expected = np.array(
         [density(of.rescale(share / of.share), nothing, 0.0) for share in ALL_ALONG]

@@ -12,7 +12,7 @@ from test_interim_evidence import a_stack
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.changes.dates import find_instant, find_interval
 from armd.compensation.interim.changes.likeliest import LEAST_SHARE, find_likeliest
-from armd.compensation.interim.changes.onset_interval import HELD, find_onset_interval
+from armd.compensation.interim.changes.onset_interval import COVERAGE, find_onset_interval
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import SIZES, Weighed
 from armd.compensation.interim.evidence.stack import Stack
@@ -39,9 +39,9 @@ def test_no_shorter_run_of_random_weights_holds_enough() -> None:
     for _ in range(50):
         share = rng.dirichlet(np.full(9, 0.3))
         a, b = find_onset_interval(share)
-        assert share[a : b + 1].sum() >= HELD - 1e-12
+        assert share[a : b + 1].sum() >= COVERAGE - 1e-12
         shorter = [share[i : i + b - a].sum() for i in range(9 - (b - a) + 1)]
-        assert max(shorter) < HELD
+        assert max(shorter) < COVERAGE
 
 
 def checks(n: int = 6) -> Any:

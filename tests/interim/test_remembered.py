@@ -168,16 +168,16 @@ def test_what_is_in_doubt_is_not_believed(folder: Path, how: str) -> None:
 
 
 def test_any_edit_makes_another_state_of_the_code(tmp_path: Path) -> None:
-    room = Path(hash_sources.__wrapped__.__defaults__[0])  # type: ignore[attr-defined]
+    package = Path(hash_sources.__wrapped__.__defaults__[0])  # type: ignore[attr-defined]
     weighed = [search, catalogue, watching]  # what looks depend on lies in it
     for module in weighed:
-        assert module.__file__ is not None and room in Path(module.__file__).parents
-    copy = Path(shutil.copytree(room, tmp_path / "room"))
+        assert module.__file__ is not None and package in Path(module.__file__).parents
+    copy = Path(shutil.copytree(package, tmp_path / "package"))
     assert hash_sources(copy) == hash_sources()
     found = {hash_sources()}
     for number, module in enumerate(weighed):
         assert module.__file__ is not None
-        file = copy / Path(module.__file__).relative_to(room)
+        file = copy / Path(module.__file__).relative_to(package)
         file.write_text(file.read_text().replace("0.", "1.", 1) + " ")
         again = Path(shutil.copytree(copy, tmp_path / str(number)))
         found.add(hash_sources(again))

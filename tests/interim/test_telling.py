@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 from test_interim_evidence import a_stack
 
 from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.evidence.likelihood import NOISE_WORD
+from armd.compensation.interim.evidence.likelihood import NOISE_WEIGHT
 from armd.compensation.interim.report.discrimination import (
     SEAT_MM,
     PredictedCheck,
@@ -51,7 +51,7 @@ def test_a_check_is_foretold_as_all_numbers_together_say(seed: int) -> None:
         left = covariance[n:, n:] - gain @ covariance[:n, n:]
         # All variances share a scale, which the readings tell with the calibration's own word.
         squares = readings @ np.linalg.solve(covariance[:n, :n], readings)
-        left *= (NOISE_WORD + squares) / (NOISE_WORD + n)
+        left *= (NOISE_WEIGHT + squares) / (NOISE_WEIGHT + n)
         left += SEAT_MM**2 * seat @ seat.T
         assert told.covariance[number] == pytest.approx(left, rel=1e-9, abs=1e-9)
 

@@ -12,7 +12,7 @@ from test_interim_changes import off_from
 from test_interim_evidence import a_stack
 
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, find_spoilt
+from armd.compensation.interim.evidence.bad_check import ONE_IN, OtherChecks, find_spoilt
 from armd.compensation.interim.evidence.likelihood import LIMIT, compute_log_marginal, run, weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import UNSETTLED, detect_changes
@@ -67,7 +67,7 @@ def by_hand(of: Stack, causes: list[Cause], doubted: list[int]) -> float:
                 weight += (
                     marginal(with_it)
                     - marginal(clean)
-                    + Rest(of, of.sum_checks(with_it)).log_evidence(i)
+                    + OtherChecks(of, of.sum_checks(with_it)).log_evidence(i)
                 )
                 weight -= np.log(ONE_IN)
             onsets = np.arange(len(kept))

@@ -18,7 +18,7 @@ ANY_SIZE = 100.0
 #: `bending`).
 BENDING = 0.7
 #: The prior standard deviation of a growth's first rate, as a multiple of its mean rate.
-WIDE = 2.0
+FIRST_RATE_SPREAD = 2.0
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def list_amplitude_sizes(change: Change, columns: int) -> F64:
     if change.rate_size is None:
         return np.full((1, columns), change.size)
     sizes = np.tile(change.bending * change.rate_size, (1 + len(change.bends_d), 1))
-    sizes[0] = WIDE * change.rate_size
+    sizes[0] = FIRST_RATE_SPREAD * change.rate_size
     return sizes
 
 

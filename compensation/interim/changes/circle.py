@@ -25,21 +25,21 @@ class SearchState:
     bad: tuple[int, ...]
 
 
-def find_circle(
-    stands: Sequence[SearchState],
+def find_cycle(
+    states: Sequence[SearchState],
     since: int,
     left_out: Sequence[int],
     known_numbers: Sequence[float],
     alarms: Sequence[int],
 ) -> Sequence[SearchState]:
     """Return the states since the search last was in the same situation; none if it never was."""
-    for number, stand in enumerate(stands):
-        if stand.alarms == tuple(alarms) and stand.look.is_at(since, left_out, known_numbers):
-            return stands[number:]
+    for number, state in enumerate(states):
+        if state.alarms == tuple(alarms) and state.look.is_at(since, left_out, known_numbers):
+            return states[number:]
     return ()
 
 
-def choose_best_stand(stack: Stack, stands: Sequence[SearchState]) -> SearchState:
+def choose_best_state(stack: Stack, states: Sequence[SearchState]) -> SearchState:
     """Return the state of a cycle whose changes make all readings likeliest.
 
     Each further change costs the limit of an alarm. Checks that any of the states takes for bad are
@@ -49,11 +49,11 @@ def choose_best_stand(stack: Stack, stands: Sequence[SearchState]) -> SearchStat
     one alarm has fewer readings than another. All readings decide here, so the result does not
     depend on where the search entered the cycle.
     """
-    bad = {i for stand in stands for i in stand.bad}
+    bad = {i for state in states for i in state.bad}
     good = [i for i in range(stack.n) if i not in bad]
 
-    def evidence(stand: SearchState) -> float:
-        changed = add_known_changes(stack, stand.changes)
-        return compute_log_marginal(changed, changed.sum_checks(good)) - LIMIT * len(stand.changes)
+    def evidence(state: SearchState) -> float:
+        changed = add_known_changes(stack, state.changes)
+        return compute_log_marginal(changed, changed.sum_checks(good)) - LIMIT * len(state.changes)
 
-    return max(stands, key=evidence)
+    return max(states, key=evidence)

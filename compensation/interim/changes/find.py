@@ -17,7 +17,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change, ChangesFound, add_known_changes
-from armd.compensation.interim.changes.circle import SearchState, choose_best_stand, find_circle
+from armd.compensation.interim.changes.circle import SearchState, choose_best_state, find_cycle
 from armd.compensation.interim.changes.growth import find_origin_d, fit_growth
 from armd.compensation.interim.changes.likeliest import find_likeliest, weigh_again, weigh_since
 from armd.compensation.interim.checks.columns import Cause
@@ -43,15 +43,15 @@ def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) 
     alarms: list[int] = []
     bad: tuple[int, ...] = ()
     first_look: Watched | None = None
-    stands: list[SearchState] = []
+    states: list[SearchState] = []
     since = 0
     while True:
         null = add_known_changes(stack, changes)
         known_numbers = tuple(number for change in changes for number in change.numbers)
         left_out = tuple(i for i in bad if i < since)
-        if whole_circle := find_circle(stands, since, left_out, known_numbers, alarms):
-            stand = choose_best_stand(stack, whole_circle)
-            changes, bad = [*stand.changes], stand.bad
+        if cycle := find_cycle(states, since, left_out, known_numbers, alarms):
+            state = choose_best_state(stack, cycle)
+            changes, bad = [*state.changes], state.bad
             break
         looked = detect_changes(
             null, causes, since, bad, before.find_quiet_run(since, left_out, known_numbers)
@@ -59,7 +59,7 @@ def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) 
         first_look = first_look or looked
         bad = tuple(sorted({*left_out, *looked.bad}))
         look = EpochLook(since, left_out, known_numbers, looked.quiet)
-        stands.append(SearchState(look, tuple(changes), tuple(alarms), bad))
+        states.append(SearchState(look, tuple(changes), tuple(alarms), bad))
         if looked.alarm is None:
             if changes and _weigh_last_change(stack, causes, changes, stack.n, bad) < REFUTED:
                 # Later checks contradict the last alarm: it was a false one.
@@ -116,7 +116,7 @@ def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) 
     assert first_look is not None
     statistic = _fill(first_look, stack, causes, bad, before)
     after = () if first_look.alarm is None else statistic[first_look.alarm + 1 : -1].tolist()
-    looks = tuple(stand.look for stand in stands)
+    looks = tuple(state.look for state in states)
     remembered = EpochLooks(looks, tuple(after), tuple(i for i in bad if i < stack.n - 1))
     return ChangesFound(statistic, first_look.alarm, tuple(changes), bad, remembered)
 

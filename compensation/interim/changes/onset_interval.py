@@ -7,11 +7,11 @@ import numpy as np
 from armd.arrays import F64
 
 #: The share of the onsets' probability that the interval contains.
-HELD = 0.95
+COVERAGE = 0.95
 
 
 def find_onset_interval(share: F64) -> tuple[int, int]:
-    """Return the first and last onset of the shortest run that contains `HELD` of
+    """Return the first and last onset of the shortest run that contains `COVERAGE` of
     the probability.
     """
     total = np.concatenate([[0.0], np.cumsum(share)])
@@ -19,7 +19,7 @@ def find_onset_interval(share: F64) -> tuple[int, int]:
         (b - a, -(total[b + 1] - total[a]), a, b)
         for a in range(len(share))
         for b in range(a, len(share))
-        if total[b + 1] - total[a] >= HELD * total[-1]
+        if total[b + 1] - total[a] >= COVERAGE * total[-1]
     ]
     _, _, a, b = min(runs)
     return a, b

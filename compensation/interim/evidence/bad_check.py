@@ -14,7 +14,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.interim.evidence.elimination import CheckSums
 from armd.compensation.interim.evidence.likelihood import (
-    NOISE_WORD,
+    NOISE_WEIGHT,
     compute_log_student,
     compute_log_sum,
 )
@@ -31,7 +31,7 @@ ELSEWHERE_MM = (0.05, 0.5, 5.0, 50.0)
 NEGLIGIBLE = 45.0
 
 
-class Rest:
+class OtherChecks:
     """All other checks: their estimates of the known errors and of the noise."""
 
     def __init__(self, stack: Stack, sums: CheckSums) -> None:
@@ -55,7 +55,7 @@ class Rest:
         residual = self.stack.residual[check]
         sums = self.sums.subtract_check(self.stack.error_columns[check], residual)
         eliminated = self.stack.eliminate_errors(sums)
-        lefts = eliminated.square + NOISE_WORD
+        lefts = eliminated.square + NOISE_WEIGHT
         others_log = [
             compute_log_student(float(sums.numbers), float(spread), float(squared))
             - 0.5 * len(residual) * float(np.log(remainder))  # scale of the check itself
@@ -64,7 +64,7 @@ class Rest:
             )
         ]
         turned = self.stack.error_columns[check] @ eliminated.rotation.T
-        freedom = NOISE_WORD + sums.numbers
+        freedom = NOISE_WEIGHT + sums.numbers
         turned_side = eliminated.weights * eliminated.side
         densities = np.full((len(others_log), 2), -np.inf)
         order = np.argsort(others_log)[::-1]
@@ -98,12 +98,17 @@ def _weigh_usual_and_spoilt(
     wide = [_compute_log_density(value + s**2 - 1.0, along, remainder, freedom) for s in SCATTERS]
     root = 1.0 / np.sqrt(value)
     moved, whitened = (vector.T @ targets) * root[:, None], along * root
-    elsewhere = _Beside(moved.T @ moved, moved.T @ whitened, float(whitened @ whitened), remainder,
-                     freedom + len(along))  # fmt: skip
+    displaced = _Displaced(
+        moved.T @ moved,
+        moved.T @ whitened,
+        float(whitened @ whitened),
+        remainder,
+        freedom + len(along),
+    )
     spoilt = -0.5 * float(np.log(value).sum())
     count = targets.shape[1] // 3
-    single = [elsewhere.log_density(slice(3 * t, 3 * t + 3), GRAINS_MM) for t in range(count)]
-    everywhere = elsewhere.log_density(slice(None), ELSEWHERE_MM)
+    single = [displaced.log_density(slice(3 * t, 3 * t + 3), GRAINS_MM) for t in range(count)]
+    everywhere = displaced.log_density(slice(None), ELSEWHERE_MM)
     families = [np.array(wide), spoilt + np.ravel(single), spoilt + everywhere]
     family_logs = [compute_log_sum(family) - np.log(len(family)) for family in families]
     return usual, float(compute_log_sum(np.array(family_logs))) - float(np.log(len(family_logs)))
@@ -119,7 +124,7 @@ def _compute_log_density(variance: F64, along: F64, remainder: float, freedom: f
 
 
 @dataclass(frozen=True)
-class _Beside:
+class _Displaced:
     """Log densities of a check whose targets are displaced, without the determinant of the
     whitening.
     """
@@ -153,9 +158,11 @@ def find_spoilt(stack: Stack, sums: CheckSums, doubted: Sequence[int]) -> dict[i
     """
     odds_of_spoilt: dict[int, float] = {}
     while True:
-        rest = Rest(stack, sums)
+        other_checks = OtherChecks(stack, sums)
         odds = {
-            i: rest.log_evidence(i) - np.log(ONE_IN) for i in doubted if i not in odds_of_spoilt
+            i: other_checks.log_evidence(i) - np.log(ONE_IN)
+            for i in doubted
+            if i not in odds_of_spoilt
         }
         worst = max(odds, key=lambda i: odds[i], default=None)
         if worst is None or odds[worst] <= 0.0:

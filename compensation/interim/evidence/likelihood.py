@@ -31,7 +31,7 @@ LIMIT = float(np.log(120.0))
 #: Sizes of a change, in typical ones; their prior probabilities are equal.
 SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)
 #: The noise that the calibration states weighs as much as this many numbers.
-NOISE_WORD = 30.0
+NOISE_WEIGHT = 30.0
 #: Onsets farther back are ignored: a change of that time has been reported, or is too small.
 MOST_BACK = 128
 #: The number of onsets that are weighed together: their products stay in a processor's cache.
@@ -77,7 +77,7 @@ def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Wei
         log_prior = np.log(priors) - np.log(len(SIZES))
     log_share = _compute_log_marginals(eliminated, int(sums.numbers[n]))
     log_share -= logsumexp(log_share)
-    freedom = NOISE_WORD + float(sums.numbers[n])
+    freedom = NOISE_WEIGHT + float(sums.numbers[n])
     weights = np.empty((len(first), len(causes), 2, len(SIZES)))
     for begin in range(0, len(first), AT_ONCE):
         batch = slice(begin, begin + AT_ONCE)
@@ -112,7 +112,7 @@ def _compute_log_ratios(
     side_cleared = (
         begun.towards[..., None] - begun.cross @ (eliminated.weights * eliminated.side).T
     )  # (T, C, scales)
-    remainder = (NOISE_WORD + eliminated.square)[:, None]
+    remainder = (NOISE_WEIGHT + eliminated.square)[:, None]
     end = 0
     for (members, columns), gram_of_group in zip(groups, begun.cause_grams, strict=True):
         p = columns.shape[1]
@@ -160,9 +160,9 @@ def compute_log_student(numbers: float, spread: float, square: float) -> float:
     *spread* is half the log determinant of their covariance, *square* their squared norm by its
     inverse.
     """
-    freedom = NOISE_WORD + numbers
-    scale = float(gammaln(freedom / 2) - gammaln(NOISE_WORD / 2)) - numbers / 2 * np.log(np.pi)
-    shape = NOISE_WORD * np.log(NOISE_WORD) - freedom * np.log(NOISE_WORD + square)
+    freedom = NOISE_WEIGHT + numbers
+    scale = float(gammaln(freedom / 2) - gammaln(NOISE_WEIGHT / 2)) - numbers / 2 * np.log(np.pi)
+    shape = NOISE_WEIGHT * np.log(NOISE_WEIGHT) - freedom * np.log(NOISE_WEIGHT + square)
     return float(scale - spread + shape / 2)
 
 
@@ -180,8 +180,8 @@ def estimate_known_errors(sums: CheckSums) -> KnownErrors:
     curvature = sums.curvature + np.eye(len(sums.side))
     covariance = np.asarray(np.linalg.inv(curvature), dtype=np.float64)
     mean = covariance @ sums.side
-    remainder = NOISE_WORD + sums.square - float(sums.side @ mean)
-    return KnownErrors(mean, covariance, remainder / (NOISE_WORD + sums.numbers))
+    remainder = NOISE_WEIGHT + sums.square - float(sums.side @ mean)
+    return KnownErrors(mean, covariance, remainder / (NOISE_WEIGHT + sums.numbers))
 
 
 def run(

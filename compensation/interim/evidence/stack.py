@@ -72,7 +72,7 @@ class Stack:
         return find_usual_gap_d(self.time_d)
 
     @property
-    def stands(self) -> bool:
+    def has_standing_errors(self) -> bool:
         """Whether any of the known errors is a standing error."""
         return self.standing[0] < self.standing[1]
 
@@ -81,7 +81,7 @@ class Stack:
         """The factors by which the standing errors may have to be multiplied, with equal
         probabilities.
         """
-        if not self.stands:
+        if not self.has_standing_errors:
             return (1.0,)
         return tuple(share / self.share for share in ALL_ALONG)
 

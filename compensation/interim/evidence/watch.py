@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, find_spoilt
+from armd.compensation.interim.evidence.bad_check import ONE_IN, OtherChecks, find_spoilt
 from armd.compensation.interim.evidence.elimination import CheckSums
 from armd.compensation.interim.evidence.likelihood import (
     LIMIT,
@@ -46,7 +46,7 @@ class Watched:
 
 
 @dataclass(frozen=True)
-class Standing:
+class WatchResult:
     """The result of all checks until now, of which the last ones may be doubted.
 
     Checks are numbered as in the sums.
@@ -83,14 +83,14 @@ def detect_changes(
             list(find_spoilt(sums.stack, sums.sum_first(count), unsettled)) if count > 1 else []
         )
         if places:
-            standing = _weigh(sums, causes, begins, count, places)
+            result = _weigh(sums, causes, begins, count, places)
         else:
-            standing = Standing(_compute_log_ratio(sums, causes, begins, count), False, ())
+            result = WatchResult(_compute_log_ratio(sums, causes, begins, count), False, ())
         doubted = [good[i] for i in places]
-        statistics[n - 1] = standing.statistic
-        if standing.statistic >= LIMIT:
-            bad = tuple(sorted({*settled, *(good[i] for i in standing.bad)}))
-            return Watched(statistics, n - 1, standing.strange, bad, quiet)
+        statistics[n - 1] = result.statistic
+        if result.statistic >= LIMIT:
+            bad = tuple(sorted({*settled, *(good[i] for i in result.bad)}))
+            return Watched(statistics, n - 1, result.strange, bad, quiet)
         past = [i for i in doubted if i <= n - UNSETTLED]
         if past:
             settled = sorted({*settled, *past})
@@ -104,7 +104,7 @@ def _weigh(
     begins: int,
     count: int,
     doubted: Sequence[int],
-) -> Standing:
+) -> WatchResult:
     """Compute the log odds of a change from check *begins* on, after *count* checks.
 
     The result is averaged over which of the *doubted* checks are bad.
@@ -114,7 +114,7 @@ def _weigh(
     spoilt_log = {
         i: compute_log_marginal(stack, with_it)
         - without_doubted
-        + Rest(stack, with_it).log_evidence(i)
+        + OtherChecks(stack, with_it).log_evidence(i)
         for i in doubted
         for with_it in [_drop_checks(stack, every, [k for k in doubted if k != i])]
     }
@@ -132,7 +132,7 @@ def _weigh(
     if len(doubted) == UNSETTLED:
         nameless = np.log(STRANGE) + without_doubted + sum(spoilt_log.values())
     strange = bool(nameless > logsumexp(change))
-    return Standing(
+    return WatchResult(
         statistic=float(logsumexp([*change, nameless]) - logsumexp(nothing)),
         strange=strange,
         bad=() if strange else tuple(combinations_of_bad[int(np.argmax(change))]),

@@ -24,7 +24,7 @@ CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
-class Moved:
+class FigureShift:
     """The shift of one figure by a change."""
 
     name: str
@@ -43,7 +43,7 @@ class PointEpoch:
     names: tuple[str, ...]  # of the figures
     value_um: F64  # (n, J); NaN where a check does not have a figure
     detected: PointChanges
-    moved: tuple[tuple[Moved, ...], ...]  # for each change, the most significant figure first
+    moved: tuple[tuple[FigureShift, ...], ...]  # for each change, the most significant figure first
 
     def verdict(self, index: int) -> str:
         """Return the verdict on one check, in the contract's words."""
@@ -114,7 +114,7 @@ def _list_moved(
     names: Sequence[str],
     value_um: F64,
     spread: F64,
-) -> tuple[Moved, ...]:
+) -> tuple[FigureShift, ...]:
     rows = np.ones(series.n, bool)
     rows[detected.bad] = False
     other_courses = [course for course in detected.courses if course is not change.course]
@@ -127,7 +127,7 @@ def _list_moved(
                 (_to_um(change_size, j, series.value[before, j], bool(spread[j])), name)
             )
     named_figures.sort(key=lambda pair: -abs(pair[0][1] / max(pair[0][2], 1e-12)))
-    return tuple(Moved(name, *figures) for figures, name in named_figures)
+    return tuple(FigureShift(name, *figures) for figures, name in named_figures)
 
 
 def _to_um(

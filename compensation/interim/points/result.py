@@ -12,7 +12,7 @@ from armd.compensation.interim.checks.history import format_iso
 from armd.compensation.interim.points.evidence import LIMIT, RUN_LENGTH
 from armd.compensation.interim.points.figures import ARM
 from armd.compensation.interim.points.find import PointChange
-from armd.compensation.interim.points.judge import Moved, PointEpoch
+from armd.compensation.interim.points.judge import FigureShift, PointEpoch
 from armd.compensation.wording import format_minute, format_plain
 from armd.terminal.counted import format_count
 
@@ -71,7 +71,7 @@ def _describe_check(epoch: PointEpoch, index: int) -> dict[str, Any]:
 
 
 def _describe_change(
-    epoch: PointEpoch, change: PointChange, moved: Sequence[Moved]
+    epoch: PointEpoch, change: PointChange, moved: Sequence[FigureShift]
 ) -> dict[str, Any]:
     low, high = epoch.between_unix_s(change)
     return {
@@ -105,7 +105,7 @@ def _describe_change(
     }
 
 
-def _reading(moved: Sequence[Moved]) -> str:
+def _reading(moved: Sequence[FigureShift]) -> str:
     """Describe the sizes of a change: the significant figures, the most significant first."""
     listed = [figure for figure in moved if figure.significant][:IN_WORDS] or list(moved[:1])
     sizes = ", ".join(

@@ -46,11 +46,11 @@ def fit(
     causes: Sequence[Cause],
     changes: Sequence[Change],
     bad: Sequence[int],
-    told_by: ExtendedSums | None = None,
+    sums: ExtendedSums | None = None,
 ) -> Amplitudes:
     """Fit the amplitudes of all named *changes* together, with the known errors as nuisances.
 
-    The checks are those of *told_by*, by default all that determine the changes
+    The checks are those of *sums*, by default all that determine the changes
     (`list_telling_checks`). The shift of a cause is the difference between after and before. Its
     size before may be as large as that of any standing error, whatever the size of the others
     (decision 30).
@@ -63,16 +63,14 @@ def fit(
             for column in _list_columns(stacked, c.cause)
         }
     )
-    before = max(ALL_ALONG) if stacked.stands else 0.0
+    before = max(ALL_ALONG) if stacked.has_standing_errors else 0.0
     pairs = zip(stacked.columns, list_change_columns(stacked, changes), strict=True)
     extra = [
         np.concatenate([before * columns[:, moved_columns], new], axis=1) for columns, new in pairs
     ]
     q = stacked.error_columns[0].shape[1] + len(moved_columns)
     estimate = estimate_known_errors(
-        (told_by or ExtendedSums(stacked, list_telling_checks(stacked, changes, bad))).sum_with(
-            extra
-        )
+        (sums or ExtendedSums(stacked, list_telling_checks(stacked, changes, bad))).sum_with(extra)
     )
     sizes = _compute_sizes(causes, changes)
     # The sign is reversed: a residual is the position under the calibration minus that of the

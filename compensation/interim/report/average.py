@@ -128,9 +128,9 @@ def compute_average(
     slots = {key: np.arange(end - n, end) for key, n, end in zip(keys, sizes, ends, strict=True)}
     width = int(ends[-1]) if len(ends) else 0
     mean, second = np.zeros(width), np.zeros((width, width))
-    told_by = ExtendedSums(stacked, list_telling_checks(stacked, scenarios[0][1], bad))
+    sums = ExtendedSums(stacked, list_telling_checks(stacked, scenarios[0][1], bad))
     for share, changes in scenarios:
-        amplitudes = fit(stacked, causes, changes, bad, told_by)
+        amplitudes = fit(stacked, causes, changes, bad, sums)
         used_slots = [slots[_make_key(number, change)] for number, change in enumerate(changes)]
         places = np.concatenate(used_slots) if used_slots else np.zeros(0, int)
         values = (

@@ -113,10 +113,10 @@ def predict_checks(
     """Predict each check *ahead* under each of *scenarios*, from the checks *measured*."""
     means: list[list[F64]] = [[] for _ in ahead]
     covariances: list[list[F64]] = [[] for _ in ahead]
-    told_by = ExtendedSums(stacked, measured)
+    sums = ExtendedSums(stacked, measured)
     for changes in scenarios:
         extra = list_change_columns(stacked, changes)
-        estimate = estimate_known_errors(told_by.sum_with(extra))
+        estimate = estimate_known_errors(sums.sum_with(extra))
         for number, check in enumerate(ahead):
             columns = np.concatenate([stacked.error_columns[check], extra[check]], axis=1)
             seat = SEAT_MM * stacked.targets[check]

@@ -88,7 +88,7 @@ def find_growth(
     return FittedGrowth(
         significant or links,
         bool(significant),
-        (rms_um, rms_um * _compute_left_share(without, growth_columns, change_columns, good)),
+        (rms_um, rms_um * _compute_heldout_share(without, growth_columns, change_columns, good)),
         max(high - low for low, high in ranges),
         add_growth(calibration, growth, values, spread, [reduced[i] for i in good]),
     )
@@ -111,7 +111,7 @@ def _fit(
     return estimate_known_errors(ExtendedSums(stacked, chosen).sum_with(extra))
 
 
-def _compute_left_share(
+def _compute_heldout_share(
     stacked: Stack, growth: Sequence[F64], changes: Sequence[F64], good: Sequence[int]
 ) -> float:
     """Return the held-out RMS with the growth, as a share of that without.

@@ -38,7 +38,7 @@ SEATS, POSES, TRIED = 2, 12, 3
 SURE = 0.95
 #: A planned check must reduce the probability of a wrong cause below this share of that after the
 #: usual check.
-LEFT = 0.9
+MOST_REMAINING = 0.9
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def plan_next_check(judgement: Judgement) -> NextCheck:
     ]
     with threadpool_limits(limits=1, user_api="blas"):
         for _, index in sorted(doubtful):
-            advice = plan_telling_check(epoch, index)
+            advice = plan_separating_check(epoch, index)
             if advice is not None:
                 return advice
     return NextCheck(
@@ -104,7 +104,7 @@ def plan_next_check(judgement: Judgement) -> NextCheck:
     )
 
 
-def plan_telling_check(epoch: Epoch, index: int) -> NextCheck | None:
+def plan_separating_check(epoch: Epoch, index: int) -> NextCheck | None:
     """Plan poses on seats that determine the cause of change number *index*.
 
     Returns None if no poses do clearly better than the usual check.
@@ -154,7 +154,7 @@ def plan_telling_check(epoch: Epoch, index: int) -> NextCheck | None:
         after_usual=after_usual,
         after_this=after_this,
     )
-    if advised.after_this > LEFT * advised.after_usual:
+    if advised.after_this > MOST_REMAINING * advised.after_usual:
         return None
     return NextCheck(
         _write_sentence(

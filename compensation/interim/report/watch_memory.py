@@ -152,16 +152,16 @@ def write_memory(folder: Path, judgement: Judgement) -> None:
 
 
 @functools.cache
-def hash_sources(room: Path = Path(__file__).parents[2]) -> str:
+def hash_sources(package: Path = Path(__file__).parents[2]) -> str:
     """Hash the sources that may change the numbers of a check.
 
     A version has many states until it is released. The catalogue, its priors and all that weighs
-    them are in *room*, `compensation`.
+    them are in *package*, `compensation`.
     """
     digest = hashlib.sha256()
-    for file in sorted(room.rglob("*.py")):
+    for file in sorted(package.rglob("*.py")):
         content = file.read_bytes()
-        digest.update(f"{file.relative_to(room)} {len(content)}\n".encode() + content)
+        digest.update(f"{file.relative_to(package)} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:16]
 
 
