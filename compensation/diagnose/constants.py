@@ -56,7 +56,7 @@ MOST_SIGMAS = 3.0  # σ of its broadest prior; an amplitude farther from zero is
 #: limit
 CLEARLY_MORE = 1.0
 OF_THEIR_OWN = 0.05  # 1; if the model's terms leave less of a finding (length), it is their change
-LEAST_TAKEN_UP = 1.0  # noise units; a direction that shows less at its plausible limit is not used
+LEAST_ABSORBED = 1.0  # noise units; a direction that shows less at its plausible limit is not used
 GAUGE = {"mm": 1.0, "rad": 2e-3}  # mm, rad; uncertainty of undetermined constants
 PER_KELVIN = 0.1  # 1/K; the same for the slope of a term, as a share of GAUGE
 
@@ -82,7 +82,7 @@ MOST_TELL = 0.5  # 1; a column counts as present if more of the readings have it
 POSE_TARGETS = 3  # targets; so many determine a pose and no more
 LEAST_RESTS_BESIDE = 4  # rests; needed before and after a step to show where an artefact stood
 LEAST_TARGETS = 2  # targets among them; one alone does not show whether it or the arm moved
-MOST_TOUCHED = 6  # moves of the artefact; more have another cause than an occasional touch
+MOST_MOVED = 6  # moves of the artefact; more have another cause than an occasional touch
 AS_FAR_OFF = 3.0  # 1; limit of an explained session's median reading, over the others' median
 
 # Decisions by held-out readings
@@ -109,7 +109,9 @@ LEAST_VARIANCE_SHARE = 1e-5  # 1; a direction with less of its variance left is 
 #: sessions; fewer do not show how sessions scatter: placements are used instead
 LEAST_SCATTERED = 3
 SIZE_SIGMAS = 2.0  # σ; a size is known if it is so many times its uncertainty
-UNTOLD = 1e3  # 1; an uncertainty so many times the value: the readings do not determine it
+UNDETERMINED_TIMES = (
+    1e3  # 1; an uncertainty so many times the value: the readings do not determine it
+)
 WOULD_SHOW = 5.0  # noise units; a larger cause is mostly detected
 LEAST_SPARE = 30  # numbers; with fewer spare ones the noise is unknown
 FAR_TIMES = 100.0  # 1; readings so many times farther off than the median one are no tail

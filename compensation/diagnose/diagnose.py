@@ -26,8 +26,8 @@ from armd.compensation.diagnose.constants import (
     GAIN_BEGINS,
     HELD_OUT_BEGINS,
     MOST_EXPLAINING,
+    MOST_MOVED,
     MOST_REPEATED,
-    MOST_TOUCHED,
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis, MovedArtefact
 from armd.compensation.diagnose.fitting.absorbed_error import allow_absorbed_error
@@ -227,7 +227,7 @@ def _is_explained(
 ) -> bool:
     """Whether a few causes explain the session that does not fit the others."""
     parted = tuple(sessions)
-    for _ in range(MOST_TOUCHED + 1):
+    for _ in range(MOST_MOVED + 1):
         rests = collect_rests(parted, arm)
         baseline = begin or make_model_under_test(parted, arm, calibration)
         begin = None
@@ -267,7 +267,7 @@ def _search(
         progress("search", 0.0)
         held_out, barred = partial(compare_heldout, arm=arm), partial(is_refuted, refuted=refuted)
         search = Search(rests, arm, baseline, progress, held_out, work, barred)
-        moved = find_moved_artefact(search.first) if len(touched) < MOST_TOUCHED else None
+        moved = find_moved_artefact(search.first) if len(touched) < MOST_MOVED else None
         if moved is None:
             result = search.run()
             older = allow_absorbed_error(result.searched, arm)

@@ -128,9 +128,9 @@ def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
     much was left, and no term was worth it."""
     seen = calibrate(measured(SEED, SHOP_C), ARM).calibration
     silent = seen.model_copy(update={"terms": [], "covariance": [], "covariance_of": []})
-    for left_um, is_open in ((5.0, False), (60.0, True)):
+    for heldout_um, is_open in ((5.0, False), (60.0, True)):
         missed = silent.model_copy(
-            update={"provenance": {**silent.provenance, "heldout_without_outliers_um": left_um}}
+            update={"provenance": {**silent.provenance, "heldout_without_outliers_um": heldout_um}}
         )
         baseline = from_calibration(missed, ARM, is_given=True)
         opened = open_growth(baseline, ARM)

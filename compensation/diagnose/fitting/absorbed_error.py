@@ -19,7 +19,7 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.constants import (
-    LEAST_TAKEN_UP,
+    LEAST_ABSORBED,
     LEFT_OUT_PARTS,
     OF_THEIR_OWN,
     WEAKEST,
@@ -131,7 +131,7 @@ def _differs(columns: F64, white: F64, folds: I64) -> Iterator[F64]:
 def _absorbed_by(columns: F64, white: F64) -> F64:
     """Return how far (identified, m) each of *white* (N, m) moved the identified values."""
     strongest = float(np.linalg.svd(columns, compute_uv=False)[0])
-    cutoff = LEAST_TAKEN_UP / max(strongest, LEAST_TAKEN_UP)
+    cutoff = LEAST_ABSORBED / max(strongest, LEAST_ABSORBED)
     absorbed: F64 = np.asarray(np.linalg.lstsq(columns, white, rcond=cutoff)[0], dtype=np.float64)
     return absorbed
 

@@ -35,7 +35,7 @@ from armd.compensation.model.terms import Term
 from armd.compensation.wording import format_plain
 
 #: Key in a calibration's provenance: error on held-out readings without outliers, µm.
-LEFT_UM = "heldout_without_outliers_um"
+HELDOUT_UM = "heldout_without_outliers_um"
 
 
 def open_growth(baseline: Baseline, arm: Arm) -> Baseline:
@@ -159,7 +159,7 @@ def explain_missing_growth(baseline: Baseline) -> str:
     if within <= MOST_SPAN_K:
         reason = f"was made within {format_plain(within)} K"
     else:
-        residual_um = format_plain(baseline.calibration.provenance[LEFT_UM])
+        residual_um = format_plain(baseline.calibration.provenance[HELDOUT_UM])
         reason = f"missed its own readings by {residual_um} µm"
     return f"The calibration {reason} and has no thermal model of all links."
 
@@ -180,15 +180,15 @@ def _could_not_know(baseline: Baseline, terms: Sequence[Term], may_grow: F64) ->
     """
     if _widest_k(baseline) <= MOST_SPAN_K:
         return True
-    left_um = baseline.calibration.provenance.get(LEFT_UM)
-    if not isinstance(left_um, int | float):
+    heldout_um = baseline.calibration.provenance.get(HELDOUT_UM)
+    if not isinstance(heldout_um, int | float):
         return False
     spans = [
         sum(weight * (high - low) for weight, (low, high) in _weighted(baseline, term))
         for term in terms
     ]
     makes_mm = EVENLY * math.hypot(*(may_grow * np.array(spans)))
-    return makes_mm < STANDS_OUT * 1e-3 * left_um
+    return makes_mm < STANDS_OUT * 1e-3 * heldout_um
 
 
 def _weighted(baseline: Baseline, term: Term) -> list[tuple[float, tuple[float, float]]]:

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from armd.compensation.diagnose.constants import LEAST_POSITIVE, SIZE_SIGMAS, SLOPE_STEP, UNTOLD
+from armd.compensation.diagnose.constants import (
+    LEAST_POSITIVE,
+    SIZE_SIGMAS,
+    SLOPE_STEP,
+    UNDETERMINED_TIMES,
+)
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.fitting.curves import list_orders
 from armd.compensation.diagnose.problem.amplitudes import is_curve
@@ -94,7 +99,7 @@ def compute_scanned_uncertainty(last: Fit, index: int, arm: Arm) -> float:
     """Return the standard uncertainty of a value that was scanned, not fitted.
 
     Amplitudes and all else are fitted along with it. It is 0 where no uncertainty can be stated,
-    and `UNTOLD` times the value where the readings do not determine it.
+    and `UNDETERMINED_TIMES` times the value where the readings do not determine it.
     """
     candidate = last.findings[index]
     if candidate.elsewhere is None or not candidate.setting:
@@ -107,4 +112,4 @@ def compute_scanned_uncertainty(last: Fit, index: int, arm: Arm) -> float:
     slope = (raised - lowered) / (2.0 * SLOPE_STEP * value)
     white, absorbed = last.noise.whiten(slope), last.problem.project(last.across(slope))
     cleared = float(white @ white - absorbed @ absorbed)
-    return float(min(max(cleared, LEAST_POSITIVE) ** -0.5, UNTOLD * value))
+    return float(min(max(cleared, LEAST_POSITIVE) ** -0.5, UNDETERMINED_TIMES * value))
