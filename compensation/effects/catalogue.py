@@ -19,7 +19,7 @@ from armd.compensation.effects.older import drop_absorbed
 from armd.compensation.model.arm import Arm
 from armd.compensation.wording import ARC_SECOND
 
-ROOMS = (encoder, mechanical, thermal, setup)
+PACKAGES = (encoder, mechanical, thermal, setup)
 OFFSET = "sensor_offset"
 #: Causes in the sensors themselves.
 OF_SENSORS = frozenset({OFFSET, "sensor_swapped", "thermal_lag"})
@@ -40,9 +40,9 @@ def _load_effects() -> Iterator[Effect]:
     last.
     """
     built_in: list[Effect] = []
-    for room in ROOMS:
-        for name in sorted(module.name for module in pkgutil.iter_modules(room.__path__)):
-            module = import_module(f"{room.__name__}.{name}")
+    for package in PACKAGES:
+        for name in sorted(module.name for module in pkgutil.iter_modules(package.__path__)):
+            module = import_module(f"{package.__name__}.{name}")
             built_in += getattr(module, "EFFECTS", None) or (module.EFFECT,)
     yield from built_in
     yield from load_added_effects([*(effect.cause for effect in built_in), unknown.EFFECT.cause])

@@ -36,8 +36,8 @@ class TipFit:
     @property
     def uncertainty_mm(self) -> F64:
         """The standard uncertainty (3,) of the offset."""
-        variance: F64 = np.sqrt(np.maximum(np.diag(self.covariance_mm2), 0.0))
-        return variance
+        standard_deviation_mm: F64 = np.sqrt(np.maximum(np.diag(self.covariance_mm2), 0.0))
+        return standard_deviation_mm
 
     def as_json(self) -> dict[str, Any]:
         return {

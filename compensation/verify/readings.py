@@ -205,7 +205,7 @@ class VerifiedReadings:
                 if planes is None:
                     raise NotSupported(f"{label}: touched at too few places, or too near together")
                 length, uncertainty = self.compute_length(distance, placement)
-                error = planes.apart_mm - 2 * self.tip_radius_mm - length
+                error = planes.distance_mm - 2 * self.tip_radius_mm - length
                 yield Deviation(label, error, uncertainty, length, placement)
 
     def _find_rows(self, target: str, placement: str | None) -> I64:

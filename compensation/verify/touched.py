@@ -27,7 +27,7 @@ class ParallelPlanes:
     freedom: int
 
     @property
-    def apart_mm(self) -> float:
+    def distance_mm(self) -> float:
         """The distance of the last plane from the first."""
         return abs(float(self.heights_mm[-1] - self.heights_mm[0]))
 

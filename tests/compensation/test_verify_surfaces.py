@@ -110,7 +110,7 @@ def test_faces_that_tell_no_plane_have_no_distance() -> None:
     up = [0.0, 0.0, 10.0]
     found = fit_parallel_planes([wide, wide + up])
     assert found is not None
-    assert found.apart_mm == pytest.approx(10.0) and found.freedom == 6
+    assert found.distance_mm == pytest.approx(10.0) and found.freedom == 6
     assert fit_parallel_planes([line, line + up]) is None
     assert fit_parallel_planes([wide, wide[:0]]) is None
     assert fit_parallel_planes([wide[:2], wide[:1] + up]) is None
@@ -126,7 +126,7 @@ def test_how_far_planes_are_apart_scatters_as_stated() -> None:
         ]
         found = fit_parallel_planes(faces)
         assert found is not None
-        errors.append(found.apart_mm - 50.0)
+        errors.append(found.distance_mm - 50.0)
         stated.append(found.apart_uncertainty_mm)
     # The common tilt adds a little where the faces' middles are not above each other.
     assert np.std(errors) == pytest.approx(np.mean(stated), rel=0.25)

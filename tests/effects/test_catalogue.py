@@ -1,4 +1,4 @@
-"""The catalogue finds what stands in its rooms, and each cause says all of itself."""
+"""The catalogue finds what is in its packages, and each cause says all of itself."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +10,12 @@ from armd.compensation.effects.older import OLDER
 from support.whole_scene import whole_scene
 
 
-def test_every_file_of_the_rooms_is_in_the_catalogue() -> None:
+def test_every_file_of_the_packages_is_in_the_catalogue() -> None:
     """Named as its file, but for the artefact's, which has two."""
     files = {
         path.stem
-        for room in catalogue.ROOMS
-        for folder in room.__path__
+        for package in catalogue.PACKAGES
+        for folder in package.__path__
         for path in Path(folder).glob("*.py")
         if path.stem != "__init__"
     }

@@ -95,7 +95,7 @@ def find_columns(table: ForeignTable, arm: Arm, options: Given) -> FoundColumns:
             columns.remarks.append(f"{name} is the column {header!r}{unit}")
     columns.remarks += places.remarks
     _complete(table, columns, options.targets)
-    _say_unused(columns, places)
+    _report_unused(columns, places)
     _check_angles(table, columns, arm)
     return columns
 
@@ -136,7 +136,7 @@ def _complete(table: ForeignTable, columns: FoundColumns, targets: Sequence[str]
         columns.remarks.append("there is no column of times: when each row was read is unknown")
 
 
-def _say_unused(columns: FoundColumns, places: Places) -> None:
+def _report_unused(columns: FoundColumns, places: Places) -> None:
     """Add remarks on columns that are not used, and on sensors without a column."""
     arm = places.arm
     unused = [header for _, header in places.free()]

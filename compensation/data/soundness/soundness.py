@@ -52,14 +52,14 @@ def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
     mean of the other sensors.
     """
     remarks = [remark for session in sessions for remark in session.remarks]
-    mended = [_clock_on(_once(session, remarks), remarks) for session in sessions]
+    corrected = [_clock_on(_once(session, remarks), remarks) for session in sessions]
     surfaces = any(session.artefact.surfaces for session in sessions)
     if surfaces and any(session.turn is not None for session in sessions):
         remarks.append("Orientations take no part beside surfaces.")
-    remarks += _clocks(mended)
-    remarks += report_artefact_temperature(mended, arm)
-    mended, arm = _without_dead_channels(mended, arm, remarks)
-    return Sound(tuple(mended), arm, tuple(remarks))
+    remarks += _clocks(corrected)
+    remarks += report_artefact_temperature(corrected, arm)
+    corrected, arm = _without_dead_channels(corrected, arm, remarks)
+    return Sound(tuple(corrected), arm, tuple(remarks))
 
 
 def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
@@ -75,8 +75,8 @@ def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
     }
     live = [name for name in columns if not any(why[name])]
     remarks = [remark for session in sessions for remark in session.remarks]
-    mended = [_once(session, remarks) for session in sessions]
-    remarks += report_artefact_temperature(mended, arm)
+    corrected = [_once(session, remarks) for session in sessions]
+    remarks += report_artefact_temperature(corrected, arm)
     for name in columns if live else ():
         reasons = " and ".join(dict.fromkeys(filter(None, why[name])))
         if reasons and all(why[name]):
@@ -86,13 +86,15 @@ def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
             )
         still = [i for i, reason in enumerate(why[name]) if reason and not all(why[name])]
         for i in still:
-            celsius = mended[i].states.temperature_c.copy()
+            celsius = corrected[i].states.temperature_c.copy()
             celsius[:, columns[name]] = np.nan
-            mended[i] = replace(mended[i], states=replace(mended[i].states, temperature_c=celsius))
+            corrected[i] = replace(
+                corrected[i], states=replace(corrected[i].states, temperature_c=celsius)
+            )
         if still:
             names = ", ".join(sessions[i].name for i in still)
             remarks.append(f"sensor {name} {reasons} ({names}): no temperature there")
-    return Sound(tuple(mended), arm, tuple(remarks))
+    return Sound(tuple(corrected), arm, tuple(remarks))
 
 
 def find_still_and_far(session: Session, arm: Arm) -> list[tuple[str, float]]:
@@ -218,7 +220,7 @@ def _without_dead_channels(
         alive = [s for s, reason in zip(sessions, why[name], strict=True) if not reason]
         apart_k = [s.states.temperature_c[:, column] - _mean(s, live_columns) for s in alive]
         offset_k = float(np.nanmedian(np.concatenate(apart_k))) if alive else 0.0
-        mended = []
+        corrected = []
         for session, reason in zip(sessions, why[name], strict=True):
             if reason:
                 celsius = session.states.temperature_c.copy()
@@ -229,8 +231,8 @@ def _without_dead_channels(
                     lost=(*session.lost, name),
                     lost_links=tuple(sorted({*session.lost_links, *links})),
                 )
-            mended.append(session)
-        sessions = mended
+            corrected.append(session)
+        sessions = corrected
         remarks.append(_of_the_channel(sessions, why[name], name, links))
         if not alive:
             arm = _following(arm, name, live)

@@ -57,7 +57,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             if diagnosis.significant_rest
             else [],
             "by_target": [
-                asdict(step) for step in _few(measure_target_steps(diagnosis.search.last))
+                asdict(step) for step in _limit_steps(measure_target_steps(diagnosis.search.last))
             ],
         },
         "noise": {
@@ -84,7 +84,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
     }
 
 
-def _few(target_steps: list[TargetStep]) -> list[TargetStep]:
+def _limit_steps(target_steps: list[TargetStep]) -> list[TargetStep]:
     """Return the steps of targets, or none where there are too many to read."""
     return target_steps if len(target_steps) <= MOST_PARTS else []
 

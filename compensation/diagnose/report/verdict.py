@@ -207,7 +207,7 @@ def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
             f"Yet the residuals, {format_um(rms)} µm, are not what noise of {format_um(floor)} µm "
             "makes: "
             f"{explained}nothing in the catalogue, nor any smooth structure, explains "
-            f"{unexplained}.{_few(diagnosis)}"
+            f"{unexplained}.{_describe_far_readings(diagnosis)}"
         )
     if but:
         return ""
@@ -225,7 +225,7 @@ def _absorbing(diagnosis: Diagnosis) -> str:
     return "the links' plain expansion" if expansions.stop > expansions.start else ""
 
 
-def _few(diagnosis: Diagnosis) -> str:
+def _describe_far_readings(diagnosis: Diagnosis) -> str:
     """Describe the few readings that make the residuals: too many to be single mistakes."""
     last = diagnosis.search.last
     off_mm = np.linalg.norm(last.point_residual_mm, axis=1)

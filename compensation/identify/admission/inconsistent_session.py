@@ -109,18 +109,18 @@ def refuse_mistakes(
     )
     if not suspects.any():
         return
-    by = "under the calibration given" if calibrated else "under the drawing"
+    model_words = "under the calibration given" if calibrated else "under the drawing"
     is_reference = ~suspects & is_judged
     if not calibrated and (
         better := identify_rows(observations, is_reference[observations.session])
     ):
         model = AssumedModel.from_identification(better)
-        by = f"under what the other {int(is_reference.sum())} identify"
+        model_words = f"under what the other {int(is_reference.sum())} identify"
     raise_all(
         [
             fault
             for k in map(int, np.flatnonzero(suspects))
-            if (fault := find_mistake(sessions[k], parts[k], model, by))
+            if (fault := find_mistake(sessions[k], parts[k], model, model_words))
         ]
     )
 
@@ -181,8 +181,8 @@ def find_inconsistent_session(
         or level > misses.max() / MISFIT_RATIO
     ):
         return None
-    by = f"under what the other {len(sessions) - 1} identify"
-    if fault := find_mistake(sessions[k], part, model, by):
+    model_words = f"under what the other {len(sessions) - 1} identify"
+    if fault := find_mistake(sessions[k], part, model, model_words):
         raise fault
     return InconsistentSession(sessions[k].path, miss, level, _fit_other_tip(part, model, miss))
 
@@ -212,18 +212,18 @@ def raise_all(faults: list[BadInput]) -> None:
 
 
 def find_mistake(
-    session: Session, part: Observations, model: AssumedModel, by: str
+    session: Session, part: Observations, model: AssumedModel, model_words: str
 ) -> BadInput | None:
     """Return the plain mistake in the observations *part* of a session, or None.
 
-    *by* describes the model under which the readings miss, for the message.
+    *model_words* describes the model under which the readings miss, for the message.
     """
     guess = find_best_guess(part, model)
     if guess is None or guess[1] > ABSURD_MM:
         return None
     before, after = compute_largest_miss_mm(part, model), guess[1]
     problem = (
-        f"readings that miss by up to {_to_text(before)} {by}, and by {_to_text(after)} "
+        f"readings that miss by up to {_to_text(before)} {model_words}, and by {_to_text(after)} "
         f"if {guess[0].words}"
     )
     return BadInput(session.path, "the session", problem, guess[0].expected)

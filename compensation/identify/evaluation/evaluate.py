@@ -119,17 +119,18 @@ def _evaluate(
 
 
 def _fit_reflectors(
-    tips: ReflectorTerms, constants: F64, every: Sequence[Term], reference_c: float
+    tips: ReflectorTerms, constants: F64, terms: Sequence[Term], reference_c: float
 ) -> Identification:
     """Fit the positions of unknown reflectors, with constants (P,) and other terms fixed.
 
-    *every* lists all terms. Readings without a temperature that a term needs are skipped.
+    *terms* are all terms, those of *tips* included. Readings without a temperature that a term
+    needs are skipped.
     """
     arm = tips.observations.arm
-    basis = compute_basis_values(every, tips.observations.states, arm, reference_c, constants)
+    basis = compute_basis_values(terms, tips.observations.states, arm, reference_c, constants)
     usable: Mask = np.all(np.isfinite(basis), axis=1)
     observations = tips.observations.rows(usable) if usable.any() else tips.observations
-    return fit(observations, constants, every, Unknowns((), tips.free), reference_c)
+    return fit(observations, constants, terms, Unknowns((), tips.free), reference_c)
 
 
 def evaluate_model(

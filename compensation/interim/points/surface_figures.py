@@ -93,7 +93,7 @@ def _measure_blocks(
             planes = fit_parallel_planes([groups[placement, name] for name in distance.between])
             if planes is None:
                 continue
-            error = planes.apart_mm - 2 * tip_radius_mm - distance.length_mm
+            error = planes.distance_mm - 2 * tip_radius_mm - distance.length_mm
             name = _name_in_placement(f"{first} to {second}", placement)
             deviation = planes.apart_uncertainty_mm
             yield PointFigure(f"length {name}", error, deviation, longest_mm=distance.length_mm)
