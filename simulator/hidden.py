@@ -27,7 +27,7 @@ from armd.simulator.measured.mess import spoil_campaign, spoil_files
 from armd.simulator.measured.noise import Noise
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, list_columns
-from armd.simulator.truth.answers import list_true_constants, list_true_expansion
+from armd.simulator.truth.true_values import list_true_constants, list_true_expansion
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from armd.simulator.measured.noise import Noise
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.printed import bench
-from armd.simulator.truth.answers import list_true_constants, list_true_expansion
+from armd.simulator.truth.true_values import list_true_constants, list_true_expansion
 from armd.terminal.arguments import parse_factor, parse_integer, parse_seed
 from armd.terminal.aside import make_aside, show_bar
 from armd.terminal.counted import format_count

@@ -6,8 +6,8 @@ from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.result import Result
 from armd.compensation.model.terms import Term
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.truth.answers import list_true_expansion
 from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.true_values import list_true_expansion
 from support.made_case import make_case
 from support.planting import rms_um
 

@@ -49,7 +49,7 @@ def measured(folder: Path, *options: str) -> Path:
 
 def true_calibration(folder: Path) -> Path:
     """What a perfect calibration at the reference would be; the arm's warmth is beyond it."""
-    from armd.simulator.truth.answers import list_true_constants, list_true_expansion
+    from armd.simulator.truth.true_values import list_true_constants, list_true_expansion
 
     arm = load_arm(folder / "arm.toml")
     true = TrueArm.default(6)
