@@ -81,7 +81,7 @@ def plan_campaigns(seed: int, design: Design, noise: Noise = NOISE) -> tuple[Cam
         low[joint - 1], high[joint - 1] = np.radians([from_deg, to_deg])
     arm = TrueArm.default(seed)
     if not design.expanding:
-        arm = replace(arm, materials=Materials.without_expansion())
+        arm = replace(arm, materials=Materials.without_expansion(arm.n_joints))
     rig = Rig(arm, frame, noise, (low, high))
     before = _plans("before", design.before, 0.0, design.earlier or design, rng)
     later = _plans("session", design.sessions, 400.0, design, rng)

@@ -74,7 +74,7 @@ def _before_ageing(arm: TrueArm, beam: Artefact, rng: np.random.Generator) -> Tr
         measure(rig, SessionPlan("trial", 0.0, Climate(celsius), plan_rounds(8, 4)), reach, rng)
         for celsius in (16.0, 20.0, 25.0, 30.0)
     ]
-    inert = replace(arm, materials=Materials.without_expansion())
+    inert = replace(arm, materials=Materials.without_expansion(arm.n_joints))
     n = arm.n_joints
     while True:
         rows = np.zeros((n, 5))

@@ -76,9 +76,9 @@ class Materials:
         )
 
     @classmethod
-    def without_expansion(cls) -> Materials:
+    def without_expansion(cls, joints: int = 6) -> Materials:
         """Make materials without thermal expansion."""
-        return cls(np.zeros(6), np.zeros(6), 0.0, np.zeros(6))
+        return cls(np.zeros(joints), np.zeros(joints), 0.0, np.zeros(joints))
 
 
 @dataclass(frozen=True)

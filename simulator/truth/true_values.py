@@ -20,7 +20,7 @@ def list_true_constants(arm: TrueArm) -> dict[str, float]:
 
 def list_true_expansion(arm: TrueArm) -> list[tuple[str, str, float]]:
     """List each length's change per kelvin of its link's sensor: (parameter, sensor, mm/K)."""
-    sensors = list_sensor_names()
+    sensors = list_sensor_names(arm.n_joints)
     growing = []
     for k, row in enumerate(arm.rows):
         growing.append((f"d_{k + 1}", sensors[k], row[1] * arm.materials.along_d[k]))

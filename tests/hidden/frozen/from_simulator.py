@@ -100,7 +100,7 @@ def _growth(arm: TrueArm, units: float) -> Cause:
 def _problem(case: HiddenCase, made: Made) -> Problem:
     measured = list(case.measured.values())
     arm = replace(case.present.rig.arm, effects=())
-    known = replace(arm, materials=Materials.without_expansion())
+    known = replace(arm, materials=Materials.without_expansion(arm.n_joints))
     parts, numbers = [], []
     for i, one in enumerate(measured):
         parts.append(np.full(one.n, PARTS[one.plan.name.split("-")[0]]))
