@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from armd.printable import to_printable
@@ -60,8 +61,15 @@ class BadInput(ArmdError):
         self.expected = expected
         #: further faults of the same file, for programs that report all at once
         self.more: tuple[BadInput, ...] = ()
-        file, where, found, expected = map(shorten_line, (self.file, where, found, expected))
-        super().__init__(f"{file}: {where}: found {found}, expected {expected}")
+        parts = map(shorten_line, (self.file, where, found, expected))
+        super().__init__("{}: {}: found {}, expected {}".format(*parts))
+
+
+def join_faults(faults: Sequence[BadInput]) -> BadInput:
+    """Return the first of several faults, with the others as its `more`."""
+    worst, *further_faults = faults
+    worst.more = tuple(further_faults)
+    return worst
 
 
 class NoAnswer(ArmdError, TimeoutError):

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from armd.errors import BadInput
+from armd.errors import BadInput, join_faults
 from armd.files.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
 from armd.printable import escape_invisible, to_printable
 from armd.terminal.suggest import find_nearest, format_names, list_keys_at, suggest_names
@@ -174,7 +174,7 @@ def validate(
     except RecursionError as error:
         raise _hostile(path, error) from error
     except ValidationError as error:
-        worst, *further_faults = (
+        faults = [
             BadInput(
                 path,
                 _key(_location(fault), data, first) or "the file",
@@ -182,9 +182,8 @@ def validate(
             )
             for fault in error.errors(include_url=False)[:MOST_FAULTS]
             if fault["type"] != "default_factory_not_called"  # due to a fault that is reported
-        )
-        worst.more = tuple(further_faults)
-        raise worst from error
+        ]
+        raise join_faults(faults) from error
 
 
 def _text(path: str | Path, content: bytes) -> str:

@@ -23,10 +23,8 @@ NO_WHOLE_NAME = frozenset(
 )
 #: Package → how many names it still has that are one of these; none where it is not listed.
 LEFT = {
-    "armd": 14,  # public: fields of `BadInput` and `Lost`, arguments of `Arm` and `keys`
-    "drivers": 3,  # keys of files: `found` of a servo arm's memory, `_asked` of recordings
-    "compensation/identify": 1,  # `more` of `BadInput`, whose name is public
-    "compensation/interim": 2,  # keys of its files: `known`
+    "armd": 12,  # public: fields of `BadInput` and `Lost`, arguments of `Arm` and `keys`
+    "drivers": 2,  # a key of recordings: `_asked`
 }
 IN_COMPENSATION = sorted(path.parent.name for path in ROOT.glob("compensation/*/__init__.py"))
 PACKAGES = [

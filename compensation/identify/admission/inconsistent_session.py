@@ -36,7 +36,7 @@ from armd.compensation.identify.fit import Identification, compute_rms_um, fit
 from armd.compensation.identify.thermal.temperatures import group_temperatures
 from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.parameters import TIP_PARAMETERS
-from armd.errors import BadInput
+from armd.errors import BadInput, join_faults
 
 #: With only two sessions that differ, it is not known which is wrong.
 LEAST_SESSIONS = 3
@@ -207,8 +207,7 @@ def _fit_other_tip(
 
 def raise_all(faults: list[BadInput]) -> None:
     if faults:
-        faults[0].more = tuple(faults[1:])
-        raise faults[0]
+        raise join_faults(faults)
 
 
 def find_mistake(

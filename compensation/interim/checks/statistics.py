@@ -30,7 +30,7 @@ class StatisticsFile(Strict):
     cause_columns: int
     causes: list[list[float]]
     known_names: list[str]
-    known: list[list[float]]
+    error_columns: list[list[float]] = Field(alias="known")
     target_names: list[str]
     certified: list[bool]
     targets: list[list[float]]
@@ -77,7 +77,7 @@ def from_json(path: Path, content: bytes) -> Reduced:
     return Reduced(
         residual=np.array(file.residual),
         causes=np.array(file.causes).reshape(r, file.cause_columns),
-        error_columns=np.array(file.known).reshape(r, len(file.known_names)),
+        error_columns=np.array(file.error_columns).reshape(r, len(file.known_names)),
         known_names=tuple(file.known_names),
         targets=np.array(file.targets).reshape(r, 3 * len(file.target_names)),
         target_names=tuple(file.target_names),

@@ -37,7 +37,7 @@ WATCHED = "watched.json"
 class _Look(Strict):
     since: int = Field(ge=0)
     left_out: list[int]
-    known: list[float]
+    known_changes: list[float] = Field(alias="known")
     statistic: list[float]
     bad: list[int]
 
@@ -50,7 +50,7 @@ class _Look(Strict):
 
     def to_epoch_look(self) -> EpochLook:
         quiet = QuietRun(tuple(self.statistic), tuple(self.bad))
-        return EpochLook(self.since, tuple(self.left_out), tuple(self.known), quiet)
+        return EpochLook(self.since, tuple(self.left_out), tuple(self.known_changes), quiet)
 
 
 def _is_set(numbers: Sequence[int], until: int) -> bool:
@@ -68,7 +68,7 @@ class _WatchedEpoch(Strict):
         return (
             bool(self.looks)
             and all(look.is_sound() and look.to_epoch_look().until <= n for look in self.looks)
-            and (self.looks[0].since, self.looks[0].known) == (0, [])
+            and (self.looks[0].since, self.looks[0].known_changes) == (0, [])
             and (not self.after or len(self.looks[0].statistic) + 1 + len(self.after) <= n)
             and _is_set(self.left_out, n)
         )
@@ -144,7 +144,7 @@ def write_memory(folder: Path, judgement: Judgement) -> None:
         "schema": "armd.interim.watched/1",
         "armd": __version__,
         "code": hash_sources(),
-        "epochs": [epoch.model_dump() for epoch in epochs],
+        "epochs": [epoch.model_dump(by_alias=True) for epoch in epochs],
         "sha256": _hash_epochs(epochs),
     }
     with suppress(BadInput):
@@ -172,5 +172,5 @@ def _make_key(check: Check) -> str:
 
 
 def _hash_epochs(epochs: Sequence[_WatchedEpoch]) -> str:
-    text = json.dumps([epoch.model_dump() for epoch in epochs])
+    text = json.dumps([epoch.model_dump(by_alias=True) for epoch in epochs])
     return hashlib.sha256(text.encode()).hexdigest()

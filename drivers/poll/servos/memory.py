@@ -26,7 +26,7 @@ class _File(Strict):
     schema_: Literal["armd.servos/1"] = Field(default="armd.servos/1", alias="schema")
     serial_number: str
     accepted: Geometries = {}
-    found: Geometries = {}
+    last_found: Geometries = Field(default={}, alias="found")
 
 
 class Memory:
@@ -49,7 +49,9 @@ class Memory:
             s: reported.get(s, {}) | identified for s, identified in before.accepted.items()
         }
         accepted = completed | reported if accept else reported | completed
-        after = before.model_copy(update={"accepted": accepted, "found": before.found | reported})
+        after = before.model_copy(
+            update={"accepted": accepted, "last_found": before.last_found | reported}
+        )
         if after != before:
             self._save(after)
         changed = {
@@ -64,18 +66,18 @@ class Memory:
         Raises `BadInput` if no connection has left anything to accept.
         """
         before = self._load()
-        if not before.found:
+        if not before.last_found:
             raise BadInput(
                 self.path, "found", "no servo", "those of a connection: `armd run` writes them"
             )
-        self._save(before.model_copy(update={"accepted": before.accepted | before.found}))
+        self._save(before.model_copy(update={"accepted": before.accepted | before.last_found}))
         return {
             servo: [
                 f"{name.replace('_', ' ')} {reported[name]}, before {accepted[name]}"
                 for name in reported
                 if reported[name] != accepted.get(name, reported[name])
             ]
-            for servo, reported in sorted(before.found.items())
+            for servo, reported in sorted(before.last_found.items())
             for accepted in [before.accepted.get(servo, reported)]
             if accepted != reported
         }
