@@ -109,9 +109,8 @@ LEAST_VARIANCE_SHARE = 1e-5  # 1; a direction with less of its variance left is 
 #: sessions; fewer do not show how sessions scatter: placements are used instead
 LEAST_SCATTERED = 3
 SIZE_SIGMAS = 2.0  # σ; a size is known if it is so many times its uncertainty
-UNDETERMINED_TIMES = (
-    1e3  # 1; an uncertainty so many times the value: the readings do not determine it
-)
+#: 1; an uncertainty so many times the value: the readings do not determine it
+UNDETERMINED_TIMES = 1e3
 WOULD_SHOW = 5.0  # noise units; a larger cause is mostly detected
 LEAST_SPARE = 30  # numbers; with fewer spare ones the noise is unknown
 FAR_TIMES = 100.0  # 1; readings so many times farther off than the median one are no tail

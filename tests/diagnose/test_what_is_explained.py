@@ -144,7 +144,7 @@ def told_of(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> str:
     found = Finding(NAMED, 1e-9, 90.0, 0.99, (), (), Explained(1.0, ("q3",), ()))
     searched = SimpleNamespace(findings=(NAMED,))  # no growth joined what the search found
     usual = {
-        "search": SimpleNamespace(searched=searched, last=searched),
+        "search": SimpleNamespace(searched=searched, last=searched, rival_causes=()),
         "gains": [SimpleNamespace(is_confirmed=True)],
         "findings": [found],
         "written": (0,),
