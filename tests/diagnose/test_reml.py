@@ -181,3 +181,13 @@ def test_the_likeliest_scale_is_found_however_large_the_drift(drift: float, seed
         for d in max(drift, 1e-4) * np.exp(np.linspace(-1.0, 1.0, 21))
     )
     assert unlikely < on_a_grid + 0.05
+
+
+def test_a_likelihood_without_shared_columns_prints_nothing(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """LAPACK complains on stderr of a system of no equations; what is left is −2 ln L by hand."""
+    none = np.empty(0)
+    known = Restricted(none, np.empty((0, 1)), np.array([[8.0]]), none, 0, 30.0)
+    assert known.negative_log_likelihood(2.0, 0.1) == pytest.approx(60.0 * np.log(2.0) + 2.0)
+    assert capfd.readouterr() == ("", "")

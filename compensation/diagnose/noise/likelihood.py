@@ -108,7 +108,9 @@ class Restricted:
         factor, fault = dpotrf(matrix, lower=True, clean=False, overwrite_a=True)
         if fault:
             raise np.linalg.LinAlgError("products of columns that are not positive definite")
-        towards, _ = dtrtrs(factor, root * gram[:-1, -1], lower=True)
+        towards = root * gram[:-1, -1]
+        if len(towards):  # LAPACK complains on stderr where there is nothing to solve
+            towards, _ = dtrtrs(factor, towards, lower=True)
         return float(
             self.freedom * 2.0 * np.log(scale)
             + np.log1p(relative * self.curvature).sum()
