@@ -66,7 +66,7 @@ class Recording:
     def frames(self) -> Iterator[RawFrame]:
         """Yield the raw frames as the daemon fed them to its decoder.
 
-        Raises `BadInput` where the recorder lost some: a decoder's state after them would be
+        Raises `BadInput` where the recorder lost frames: a decoder's state after them would be
         another one.
         """
         expected: int | None = None

@@ -31,7 +31,7 @@ NOTHING, ONE, GROWN = ((), False), ((0,), False), ((0,), True)
 def judge(
     *schemes: dict[Any, np.ndarray | float],
     findings: Sequence[Candidate] = (),
-    deaf: bool = False,
+    uninformative: bool = False,
     later: dict[Any, float] | None = None,
 ) -> Judge:
     """Each scheme by its squared residuals of a model, as multiples of `PATTERN` or row by row."""
@@ -43,7 +43,7 @@ def judge(
     return Judge(
         last,
         [HoldoutScheme(squares_of(table), GROUPS) for table in schemes],
-        lambda _finding, _some: deaf,
+        lambda _finding, _some: uninformative,
         None if later is None else squares_of(later),
     )
 
@@ -62,8 +62,8 @@ def test_a_further_scheme_speaks_only_where_the_first_is_not_against_it() -> Non
     shown = judge(same, better).find_confirming_scheme(NOTHING, ONE)
     assert shown is not None and shown[0] == 1
     assert judge(worse, better).find_confirming_scheme(NOTHING, ONE) is None
-    heard = judge(worse, better, deaf=True).find_confirming_scheme(NOTHING, ONE)
-    assert heard is not None and heard[0] == 1
+    confirmed = judge(worse, better, uninformative=True).find_confirming_scheme(NOTHING, ONE)
+    assert confirmed is not None and confirmed[0] == 1
 
 
 def test_gross_readings_do_not_decide_but_may_not_be_harmed() -> None:
@@ -91,7 +91,7 @@ def test_a_drift_must_foretell_what_came_after() -> None:
 def test_harm_is_a_larger_sum_without_gross_readings() -> None:
     assert judge({NOTHING: 1.0, ONE: 1.01}).is_harmful(0, NOTHING, ONE)
     assert not judge({NOTHING: 1.0, ONE: 0.99}).is_harmful(0, NOTHING, ONE)
-    assert not judge({NOTHING: 1.0, ONE: 1.01}, deaf=True).is_harmful(0, NOTHING, ONE)
+    assert not judge({NOTHING: 1.0, ONE: 1.01}, uninformative=True).is_harmful(0, NOTHING, ONE)
     one_far = np.ones(N)
     one_far[7] = 1e6  # counts as so many usual ones at most: the others outvote it
     others = np.full(N, 1.0 - 2.0 * MOST_SQUARES / N)
@@ -107,7 +107,10 @@ def test_doubt_is_a_likelihood_ratio_down_to_that_the_arm_changed() -> None:
     found = judge({NOTHING: 1.0, ONE: 1.0 + share}).compute_odds_factor(0, NOTHING, ONE)
     assert found == pytest.approx(math.exp(-0.5 * 3.0 * N * share))
     assert judge({NOTHING: 1.0, ONE: 1.5}).compute_odds_factor(0, NOTHING, ONE) == CHANGED_PRIOR
-    assert judge({NOTHING: 1.0, ONE: 1.5}, deaf=True).compute_odds_factor(0, NOTHING, ONE) == 1.0
+    assert (
+        judge({NOTHING: 1.0, ONE: 1.5}, uninformative=True).compute_odds_factor(0, NOTHING, ONE)
+        == 1.0
+    )
 
 
 def test_growth_is_judged_by_the_last_scheme() -> None:

@@ -33,6 +33,7 @@ class Copies:
     parts: tuple[slice, ...]  # of each piece, which of the s shared noises are in it
     crossings: tuple[F64, ...]  # of each piece (c, s_p) products of its columns with these
     absorbed: F64  # (b, b) covariance of all that is absorbed of noise alone
+    amplitudes: F64  # (b, b) that of the fitted amplitudes
 
     @classmethod
     def from_fit(cls, fit: Fit, white: Blocks) -> Copies | None:
@@ -61,7 +62,9 @@ class Copies:
             )
             crossings.append(crossing.T)
         absorbed = fit.problem.project(fit.problem.project(gram).T)
-        return cls(own_share, shared_size, number, parts, tuple(crossings), absorbed)
+        turn = fit.problem.project(np.eye(len(gram))).T
+        amplitudes = turn @ absorbed @ turn.T
+        return cls(own_share, shared_size, number, parts, tuple(crossings), absorbed, amplitudes)
 
     def make_sizes(self, motion: F64) -> csr_array:
         """Return the sizes (n, s) of the shared noises in products with a *motion* (n, 3)."""

@@ -262,9 +262,9 @@ def _make_curves(sums: ModelSums, layout: CurveLayout, spread: F64) -> list[Resi
                 is_clear if covariance.ndim == 1 else np.outer(is_clear, is_clear)
             )
             lever = np.maximum(sums.levers[v][:, k], LEAST_SQUARE)
-            levers = lever**2 if covariance.ndim == 1 else np.outer(lever, lever)
+            lever_products = lever**2 if covariance.ndim == 1 else np.outer(lever, lever)
             mean = is_clear * values[bins_alone] / lever
-            covariance = spread[k] ** 2 * covariance / levers
+            covariance = spread[k] ** 2 * covariance / lever_products
             outside = float(
                 (np.abs(mean) > HALF_WIDTH * np.sqrt(_get_variances(covariance))).mean()
             )

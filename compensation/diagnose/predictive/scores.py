@@ -51,23 +51,27 @@ class Absorption:
 
     def project_sums(self, sums: RestFunctions, count: int) -> F64:
         """Return coordinates (m, b) of the absorbed part of *count* sums (orthonormal basis)."""
-        across = np.zeros((self.problem.layout.n, count))
-        for number, (piece, values) in enumerate(zip(self.pieces, self.values, strict=True)):
-            across[piece.columns] += sums.sum_at_piece(number, values).T
-        return self.problem.project(across).T
+        return self.problem.project(self._sum_products(sums, count, self.values)).T
 
     def project_noise(
         self, sums: RestFunctions, count: int, copies: Copies, shared: SparseSums
     ) -> F64:
         """Return covariances (m, b) of *count* sums of noise with its absorbed part."""
-        across = np.zeros((self.problem.layout.n, count))
-        for number, (piece, values) in enumerate(zip(self.pieces, self.values, strict=True)):
-            own_noise = copies.own_share[piece.rests, None] * values
-            across[piece.columns] += sums.sum_at_piece(number, own_noise).T
-            across[piece.columns] += (
-                copies.crossings[number] @ shared.select(copies.parts[number]).T
-            )
+        own_noise = [
+            copies.own_share[piece.rests, None] * values
+            for piece, values in zip(self.pieces, self.values, strict=True)
+        ]
+        across = self._sum_products(sums, count, own_noise)
+        for piece, crossing, part in zip(self.pieces, copies.crossings, copies.parts, strict=True):
+            across[piece.columns] += crossing @ shared.select(part).T
         return self.problem.project(across).T
+
+    def _sum_products(self, sums: RestFunctions, count: int, products: Sequence[F64]) -> F64:
+        """Return *count* sums (b, m) of products (k, c) of each piece, column by column."""
+        across = np.zeros((self.problem.layout.n, count))
+        for number, (piece, values) in enumerate(zip(self.pieces, products, strict=True)):
+            across[piece.columns] += sums.sum_at_piece(number, values).T
+        return across
 
     def compute_variance(self, copies: Copies | None, sizes: csr_array) -> float:
         """Return by how much absorption reduces the variance of the products, over all rests.
@@ -75,9 +79,6 @@ class Absorption:
         *sizes* (n, s): of the noises that copies share, in the products.
         """
         covariance, lessened = self.problem.covariance, 0.0
-        if copies is not None:
-            turn = self.problem.project(np.eye(self.problem.layout.n)).T
-            twice_absorbed = turn @ copies.absorbed @ turn.T
         for number, (piece, values) in enumerate(zip(self.pieces, self.values, strict=True)):
             places = np.ix_(piece.columns, piece.columns)
             gram = values.T @ values
@@ -88,7 +89,7 @@ class Absorption:
             shared = sizes[piece.rests][:, copies.parts[number]]
             crossed = own_noise + copies.crossings[number] @ (shared.T @ values)
             lessened += float(2.0 * (crossed * covariance[places]).sum())
-            lessened -= float((gram * twice_absorbed[places]).sum())
+            lessened -= float((gram * copies.amplitudes[places]).sum())
         return lessened
 
 
