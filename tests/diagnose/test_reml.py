@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from armd.arrays import F64
 from armd.compensation.diagnose.noise import variances as noise_model
 from armd.compensation.diagnose.noise.likelihood import Absorbing, Restricted
 from armd.compensation.estimate.linear.blocks import to_blocks
@@ -162,14 +163,7 @@ def test_the_likeliest_scale_is_found_however_large_the_drift(drift: float, seed
     rng, rows, scale = np.random.default_rng(seed), 300, 0.003
     columns = np.linalg.qr(rng.normal(size=(rows, 24)))[0] * np.sqrt(rng.uniform(0.5, 30.0, 24))
     residual = columns @ rng.normal(0.0, 1.0, 24) * drift + rng.normal(0.0, scale, rows)
-    known = Restricted(
-        (columns**2).sum(axis=0),
-        (columns.T @ residual)[:, None],
-        np.array([[residual @ residual]]),
-        np.empty(0),
-        0,
-        rows,
-    )
+    known = make_restricted(columns, residual)
     unlikely, found, drifted, settled = noise_model._best_scale(known)
     assert settled
     assert found == pytest.approx(scale, rel=0.15)  # four standard errors
@@ -181,6 +175,34 @@ def test_the_likeliest_scale_is_found_however_large_the_drift(drift: float, seed
         for d in max(drift, 1e-4) * np.exp(np.linspace(-1.0, 1.0, 21))
     )
     assert unlikely < on_a_grid + 0.05
+
+
+@pytest.mark.parametrize("drift", [0.0, 3e-3, 0.1, 1.0])
+def test_where_a_search_begins_does_not_decide_where_it_ends(drift: float) -> None:
+    """A drift of 3 mm was a minimum of its own, beside the scale that the fit before had found."""
+    rng, rows, scale = np.random.default_rng(3), 300, 0.003
+    columns = np.linalg.qr(rng.normal(size=(rows, 24)))[0] * np.sqrt(rng.uniform(0.5, 30.0, 24))
+    residual = columns @ rng.normal(0.0, 1.0, 24) * drift + rng.normal(0.0, scale, rows)
+    known = make_restricted(columns, residual)
+    likeliest, *_ = noise_model._best_scale(known)
+    for near_scale in (0.01, 0.1, 1.0, 10.0, 100.0):
+        for near_drift in (1e-7, 1e-4, 3e-3, 0.1, 3.0):
+            near = scale * near_scale, near_drift
+            cost, _, _, settled = noise_model._best_scale(known, near)
+            assert settled
+            assert cost == pytest.approx(likeliest, abs=0.05), near
+
+
+def make_restricted(columns: F64, residual: F64) -> Restricted:
+    """Products of orthogonal *columns* (rows, d) of a drift and a *residual*, nothing absorbed."""
+    return Restricted(
+        (columns**2).sum(axis=0),
+        (columns.T @ residual)[:, None],
+        np.array([[residual @ residual]]),
+        np.empty(0),
+        0,
+        len(residual),
+    )
 
 
 def test_a_likelihood_without_shared_columns_prints_nothing(

@@ -20,6 +20,7 @@ from armd.compensation.diagnose.constants import (
     FAR_LIKELIER,
     FIRST_SHARE_STEPS,
     GROSS,
+    LEAST_DRIFT,
     LEAST_ENCODER_SHARE,
     LEAST_MM,
     LEVER_MM,
@@ -28,6 +29,7 @@ from armd.compensation.diagnose.constants import (
     MOST_EVALUATIONS,
     MOST_ROBUST,
     MOST_SCALES,
+    NEAR_SCALE_STEPS,
     NEAR_SHARE,
     NEXT_SHARE_STEPS,
     NOISE_DRIFTS,
@@ -111,13 +113,17 @@ def _estimate(
         across = 2.0 * float(counts[linear.normal.any(axis=1)].sum())
     rows = AXES * float(counts.sum()) - across + len(distance)
 
+    near = None if before is None else (before.scale_mm, before.drift_mm)
+
     @cache
     def evaluate_share(share: float) -> tuple[float, float, float, bool]:
+        nonlocal near
         whitener = _unit_whitener(linear, share, turn_ratio)
         products = nuisance.products(counted[:, None, None] * whitener, relative, residual)
         cost, scale, drift, settled = _best_scale(
-            Restricted.from_products(products, absorbing, rows)
+            Restricted.from_products(products, absorbing, rows), near
         )
+        near = scale, drift
         log_det = -2.0 * float(counts @ np.log(np.einsum("nii->ni", whitener)).sum(axis=1))
         if across:
             log_det -= across * float(np.log1p(-share))
@@ -166,11 +172,13 @@ def _unit_whitener(linear: Linear, share: float, turn_ratio: float = 1.0) -> F64
     return make_whitening(_covariance(linear, share, turn_ratio), np.ones(linear.rests.n))
 
 
-def _best_scale(restricted: Restricted) -> tuple[float, float, float, bool]:
-    """Return (−2 log likelihood, s, drift, settled) at the best scale and drift for a share."""
-    first = max(
-        float(np.sqrt(max(restricted.squared_norm, 0.0) / max(restricted.freedom, 1))), LEAST_MM
-    )
+def _best_scale(
+    restricted: Restricted, near: tuple[float, float] | None = None
+) -> tuple[float, float, float, bool]:
+    """Return (−2 log likelihood, s, drift, settled) at the best scale and drift for a share.
+
+    *near*: s and drift in mm of a similar share, from which the search is shorter.
+    """
     drifts = len(restricted.curvature) > 0
 
     def values(logs: F64) -> tuple[float, float]:
@@ -180,14 +188,8 @@ def _best_scale(restricted: Restricted) -> tuple[float, float, float, bool]:
     def cost(logs: F64) -> float:
         return restricted.negative_log_likelihood(*values(logs))
 
-    begin = np.array([np.log(first), np.log(USUAL_DRIFT)])[: 1 + drifts]
-    if drifts:  # where drift is nearly all of the residual, the noise is far smaller
-        starts = [
-            np.log([first * scale, drift]) for scale in NOISE_SCALES for drift in NOISE_DRIFTS
-        ]
-        best = min(starts, key=cost)
-        begin = best if cost(best) < cost(begin) - FAR_LIKELIER else begin
-    corners = begin + np.vstack([np.zeros(len(begin)), np.diag(SCALE_STEPS[: len(begin)])])
+    begin, steps = _begin(restricted, near, cost)
+    corners = begin + np.vstack([np.zeros(len(begin)), np.diag(steps[: len(begin)])])
     minimum = minimize(
         cost,
         begin,
@@ -200,6 +202,30 @@ def _best_scale(restricted: Restricted) -> tuple[float, float, float, bool]:
         },
     )
     return float(minimum.fun), *values(minimum.x), bool(minimum.success)
+
+
+def _begin(
+    restricted: Restricted, near: tuple[float, float] | None, cost: Callable[[F64], float]
+) -> tuple[F64, tuple[float, float]]:
+    """Return the logs of scale and relative drift where a search begins, and its first steps."""
+    many = 1 + (len(restricted.curvature) > 0)
+    mean_square = max(restricted.squared_norm, 0.0) / max(restricted.freedom, 1)
+    first = max(float(np.sqrt(mean_square)), LEAST_MM)
+    begin = np.log([first, USUAL_DRIFT])[:many]
+    least = cost(begin)
+    if many > 1:  # where drift is nearly all of the residual, the noise is far smaller
+        scales = [first * scale for scale in NOISE_SCALES] + ([near[0]] if near else [])
+        starts = [np.log([scale, drift]) for scale in scales for drift in NOISE_DRIFTS]
+        costs = [cost(start) for start in starts]
+        if min(costs) < least - FAR_LIKELIER:
+            begin = starts[int(np.argmin(costs))]
+        least = min(least, *costs)
+    if near is not None:  # unless it is near another minimum than the best start
+        scale, drift = near
+        at = np.log([scale, max(drift / scale, LEAST_DRIFT)])[:many]
+        if cost(at) < least:
+            return at, NEAR_SCALE_STEPS
+    return begin, SCALE_STEPS
 
 
 def clip_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], F64]) -> F64:

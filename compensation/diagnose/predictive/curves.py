@@ -18,6 +18,7 @@ from armd.compensation.diagnose.constants import (
     CURVES_SEED,
     ENOUGH_CURVES,
     HALF_WIDTH,
+    LEAST_CORRELATED,
     LEAST_POSITIVE,
     LEAST_SQUARE,
     LEAST_VARIANCE_SHARE,
@@ -291,9 +292,10 @@ def _get_variances(covariance: F64) -> F64:
 def _make_factor(covariance: F64) -> F64:
     """Return a factor (B, B) that gives independent unit noise this *covariance*."""
     sigma = np.sqrt(np.maximum(np.diag(covariance), LEAST_POSITIVE))
-    root, turned = np.linalg.eigh(covariance / np.outer(sigma, sigma))
-    factor: F64 = turned * np.sqrt(np.maximum(root, 0.0))
-    return factor
+    correlation = covariance / np.outer(sigma, sigma)
+    # What is absorbed leaves no variance in some direction, or by rounding less than none.
+    correlation.flat[:: len(sigma) + 1] += LEAST_CORRELATED
+    return np.linalg.cholesky(correlation)
 
 
 def _compute_p_value(outside: float, covariance: F64, normal: F32) -> float:
