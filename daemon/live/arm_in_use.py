@@ -73,11 +73,11 @@ class ArmInUse:
         has_radius = tip.radius_mm is not None
         return tip if has_radius else tip.model_copy(update={"radius_mm": self.own_tip.radius_mm})
 
-    def load_calibration_again(self) -> Takeover:
+    def prepare_calibration_again(self) -> Takeover:
         """Load the calibration file again and prepare it; raises `BadInput` if it is bad."""
         return self._change(self.in_use._replace(calibration=self._load()))
 
-    def select_tip(self, name: str) -> Takeover:
+    def prepare_tip(self, name: str) -> Takeover:
         """Prepare one of the tips, or with "" the calibration's own.
 
         Raises `ArmdError` for an unknown name.
@@ -89,7 +89,7 @@ class ArmInUse:
             )
         return self._change(self.in_use._replace(tip=name or None))
 
-    def store_and_select_tip(self, name: str, tip: Tip) -> Takeover:
+    def store_and_prepare_tip(self, name: str, tip: Tip) -> Takeover:
         """Prepare a tip that was calibrated now, and store it for later starts.
 
         Raises `BadInput` where it cannot be used or stored.

@@ -100,10 +100,10 @@ class Changes:
 
     def _prepared(self, request: _Request) -> Takeover:
         if request.tip is None:
-            return self._arm.load_calibration_again()
+            return self._arm.prepare_calibration_again()
         if request.calibrated is None:
-            return self._arm.select_tip(request.tip)
-        return self._arm.store_and_select_tip(request.tip, request.calibrated)
+            return self._arm.prepare_tip(request.tip)
+        return self._arm.store_and_prepare_tip(request.tip, request.calibrated)
 
     def _conclude(self, request: _Request, result: Takeover | ArmdError) -> None:
         if isinstance(result, ArmdError):

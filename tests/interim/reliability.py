@@ -191,7 +191,7 @@ def main() -> int:
     parser.add_argument("--changes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
-    next_check.MOST_REMAINING = np.inf  # whether it is worth proposing or not
+    next_check.MOST_REMAINING_RISK = np.inf  # whether it is worth proposing or not
     pairs: list[Pair] = []
     with tempfile.TemporaryDirectory() as name, threadpool_limits(limits=1):
         bench = Bench(args.seed, Path(name) / "arm")

@@ -66,7 +66,7 @@ def test_what_is_told_comes_as_often_as_is_said(
 ) -> None:
     """The cause that is named, and that it is wrong after one more check, the usual or the proposed
     one. Three standard deviations either way are what luck may do."""
-    monkeypatch.setattr(next_check, "MOST_REMAINING", np.inf)  # worth proposing or not
+    monkeypatch.setattr(next_check, "MOST_REMAINING_RISK", np.inf)  # worth proposing or not
     pairs = []
     with threadpool_limits(limits=1):
         bench = Bench(7041, tmp_path / "arm")

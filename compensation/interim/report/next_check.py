@@ -38,7 +38,7 @@ SEATS, POSES, TRIED = 2, 12, 3
 SURE = 0.95
 #: A planned check must reduce the probability of a wrong cause below this share of that after the
 #: usual check.
-MOST_REMAINING = 0.9
+MOST_REMAINING_RISK = 0.9
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def plan_separating_check(epoch: Epoch, index: int) -> NextCheck | None:
         after_usual=after_usual,
         after_this=after_this,
     )
-    if advised.after_this > MOST_REMAINING * advised.after_usual:
+    if advised.after_this > MOST_REMAINING_RISK * advised.after_usual:
         return None
     return NextCheck(
         _write_sentence(

@@ -212,7 +212,7 @@ def _add_model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, An
         )
 
 
-def _choose_most_telling(comparisons: Sequence[ResidualComparison]) -> list[ResidualComparison]:
+def _choose_overview_rows(comparisons: Sequence[ResidualComparison]) -> list[ResidualComparison]:
     """Choose those comparisons of the overview that noise explains least, in the
     overview's order.
     """
@@ -230,11 +230,11 @@ def _add_rest_of_overview(
 ) -> None:
     if not comparisons:
         return
-    telling = _choose_most_telling(comparisons)
+    shown_rows = _choose_overview_rows(comparisons)
     if remainder := [
         comparison
         for comparison in choose_overview(comparisons)
-        if all(comparison is not shown_comparison for shown_comparison in telling)
+        if all(comparison is not row for row in shown_rows)
     ]:
         names = ", ".join(comparison.bins.variable for comparison in remainder)
         page.add_heading(f"Measured against simulated: {names}")
@@ -252,7 +252,7 @@ def _add_measured_against_simulated(
         return
     page.add_heading("Measured against simulated")
     page.add_figure(
-        draw_rows(_choose_most_telling(comparisons), units, OVERVIEW_ROW_IN),
+        draw_rows(_choose_overview_rows(comparisons), units, OVERVIEW_ROW_IN),
         f"Mean residual along a joint's motion ({units.angle.name} at that joint), a link or an "
         "axis: of joint angles, temperatures, time and placements what leaves its band most; the "
         "rest in the appendix",
