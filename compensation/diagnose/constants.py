@@ -19,6 +19,7 @@ CLEARLY = 10.0  # 1; odds from which another name is clearly likelier (Jeffreys:
 AS_WELL = 10.0  # nat; a cause or set that is less likely by up to so much still explains as well
 UNKNOWN_PRIOR = 0.05  # 1; prior probability of causes that are not in the catalogue
 EXPECTED_PRIOR = 0.5  # 1; what no calibration could know and every arm may have: as likely as not
+FURTHER_ODDS = 0.2  # 1; prior odds that one more cause is there beside those found
 SHAPE_PRIOR = 0.5  # 1; that a strong finding's shape is off: as likely as not
 #: 1; a cause that explains less of what depends on its variables is a guess. A disc whose shape is
 #: off by 30 % explains 0.92, one whose shape is off by half 0.8.

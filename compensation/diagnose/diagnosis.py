@@ -79,7 +79,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class RivalCauses:
-    """Causes that may be there instead of some findings, with all other findings there as well."""
+    """Causes that may be there instead of some findings, with all other findings there as well.
+
+    Instead of no finding, they are beside all.
+    """
 
     instead: tuple[Candidate, ...]
     finding_numbers: tuple[int, ...]  # of the findings that they replace
@@ -106,6 +109,8 @@ class SearchResult:
     steps: Callable[[], Sequence[Fit]]
     findings: tuple[Finding, ...]
     rival_causes: tuple[RivalCauses, ...]  # sets that explain as well
+    further_causes: tuple[RivalCauses, ...]  # sets with one cause more
+    further_odds: float  # of one more cause beside the findings, whichever it is
     scores: Scores  # of the whole catalogue
     tests: int  # candidates that are not absorbed
     remaining_p: float  # family-wise p of the strongest candidate that is not in the model

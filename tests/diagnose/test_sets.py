@@ -47,6 +47,15 @@ def test_a_set_for_both_findings_lowers_their_product_once() -> None:
     assert sets[1].causes == (GEARS,)
 
 
+def test_one_cause_more_takes_its_odds_of_the_whole() -> None:
+    """Odds of 0.25 that something else is there as well, of which 0.2 are a sensor's."""
+    further = RivalCauses((SENSOR,), (), 0.2)
+    sets = list_sets([DOUBTFUL, SURE], [], [further], 0.25)
+    assert sets[0] == CauseSet((WOBBLE, LENGTH), pytest.approx(0.9 * 0.8))
+    assert sets[1] == CauseSet((WOBBLE, LENGTH, SENSOR), pytest.approx(0.9 * 0.8 * 0.2))
+    assert sets[2] == CauseSet((SLIP, LENGTH), pytest.approx(0.1 * 0.8))
+
+
 def test_an_alternative_of_a_set_is_told_with_its_set_only() -> None:
     rival = RivalCauses((GEARS, SENSOR), (0,), 0.25)
     merged = replace(DOUBTFUL, rivals=(Rival(GEARS, 0.2, 7.0), Rival(SENSOR, 0.2, 7.0)))

@@ -35,7 +35,10 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
     findings = [*(_touched(diagnosis, step) for step in diagnosis.touched), *findings]
     if diagnosis.outliers and diagnosis.outlier_gain is not None:
         findings.append(_outliers(diagnosis, diagnosis.outlier_gain))
-    rivals = diagnosis.search.rival_causes
+    search = diagnosis.search
+    sets = list_sets(
+        diagnosis.findings, search.rival_causes, search.further_causes, search.further_odds
+    )
     unexplained = max(diagnosis.remaining_rms_um**2 - diagnosis.noise_floor_um**2, 0.0)
     return {
         "schema": "armd.diagnosis/1",
@@ -49,7 +52,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             "heldout_by": "session" if diagnosis.holdout else "placement, in turn",
         },
         "findings": findings,
-        "sets": [_describe_set(causes) for causes in list_sets(diagnosis.findings, rivals)],
+        "sets": [_describe_set(causes) for causes in sets],
         "unexplained": {
             "rms_um": float(np.sqrt(unexplained)),
             "significant": diagnosis.significant_rest,

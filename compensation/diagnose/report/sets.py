@@ -24,13 +24,19 @@ class CauseSet:
     probability: float
 
 
-def list_sets(findings: Sequence[Finding], rivals: Sequence[RivalCauses]) -> list[CauseSet]:
+def list_sets(
+    findings: Sequence[Finding],
+    rivals: Sequence[RivalCauses],
+    further: Sequence[RivalCauses] = (),
+    further_odds: float = 0.0,
+) -> list[CauseSet]:
     """List the set of all findings, then the likeliest others; none where nothing was found.
 
     The names of findings are taken as independent of each other: the probability of all is the
-    product of the names' own, divided by one and the odds of all *rivals*. (A finding's probability
-    has the odds of those rivals in it that lack the finding; here they are taken out first.)
-    Another set has one finding renamed, or a rival's causes instead of some findings.
+    product of the names' own, divided by one, the odds of all *rivals* and the *further_odds* of
+    one more cause. (A finding's probability has the odds of those rivals in it that lack the
+    finding; here they are taken out first.) Another set has one finding renamed, a rival's causes
+    instead of some findings, or one of the *further* causes beside all.
     """
     if not findings:
         return []
@@ -39,9 +45,10 @@ def list_sets(findings: Sequence[Finding], rivals: Sequence[RivalCauses]) -> lis
         min(finding.probability * (1.0 + _sum_odds(rivals, i)), 1.0)
         for i, finding in enumerate(findings)
     ]
-    probability = math.prod(of_names) / (1.0 + sum(rival.odds for rival in rivals))
+    every_odds = sum(rival.odds for rival in rivals) + further_odds
+    probability = math.prod(of_names) / (1.0 + every_odds)
     rival_sets = []
-    for rival in rivals:
+    for rival in (*rivals, *further):
         in_both = (cause for i, cause in enumerate(causes) if i not in rival.finding_numbers)
         rival_sets.append(CauseSet((*in_both, *rival.instead), probability * rival.odds))
     for i, (finding, of_name) in enumerate(zip(findings, of_names, strict=True)):

@@ -39,6 +39,7 @@ from armd.compensation.diagnose.search.findings import (
     report_findings,
     weigh_findings,
 )
+from armd.compensation.diagnose.search.further_causes import weigh_further_causes
 from armd.compensation.diagnose.search.growth import fit_with_growth
 from armd.compensation.diagnose.search.replacing import compute_heldout_margin
 from armd.compensation.diagnose.search.rival_sets import (
@@ -141,6 +142,7 @@ class Search:
         reported = limit_by_rival_sets(judged, current, rivals, survey.arm)
         searched = as_reported(current, reported)
         last = searched
+        further = weigh_further_causes(scored.scores, searched.findings)
         if grown := fit_with_growth(searched, survey.refusals.candidates, survey.arm, survey.tests):
             growth, last = grown
             remaining = [i for i, c in enumerate(searched.findings) if c in last.findings]
@@ -152,7 +154,8 @@ class Search:
             count = len(last.findings) - len(remaining)
             reported = (*self._judge_growth(growth)[:count], *reported)
             rivals = number_rivals(rivals, remaining, count)
-            survey.score(last)  # makes the parted survey that of *last*, for the cross-validation
+            # This also makes the parted survey that of *last*, for the cross-validation.
+            further = weigh_further_causes(survey.score(last).scores, last.findings)
         return SearchResult(
             facts=survey.facts,
             first=first,
@@ -161,6 +164,8 @@ class Search:
             steps=partial(survey.fit_steps, first, last),
             findings=reported,
             rival_causes=rivals,
+            further_causes=further[0],
+            further_odds=further[1],
             scores=scored.scores,
             tests=survey.tests,
             remaining_p=float(compute_family_wise_p(log_p, survey.tests)),

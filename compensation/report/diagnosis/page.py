@@ -279,8 +279,8 @@ def _add_sets(page: Page, result: dict[str, Any]) -> None:
         ],
     )
     page.add_text(
-        "The first set is what was found. Each other has one cause renamed, or several causes "
-        "exchanged; names are taken as independent of each other."
+        "The first set is what was found. Each other has one cause renamed, several causes "
+        "exchanged, or one cause more; names are taken as independent of each other."
     )
 
 
