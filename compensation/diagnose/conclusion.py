@@ -55,11 +55,11 @@ def describe_readings(searched: SearchOutcome, arm: Arm) -> list[str]:
     result, baseline, remarks = searched.result, searched.baseline, list[str]()
     if len(result.last.findings) == len(result.searched.findings):
         remarks += report_growth(baseline)
-    if has_reflectors(searched.sessions):  # reflectors have no common tip
+    if has_reflectors(searched.prepared.sessions):  # reflectors have no common tip
         return remarks
     remarks += report_misnamed(
-        searched.sessions,
-        collect_observations(searched.sessions, arm, baseline.calibration.artefact),
+        searched.prepared.sessions,
+        collect_observations(searched.prepared.sessions, arm, baseline.calibration.artefact),
         AssumedModel.from_calibration(arm, baseline.calibration),
     )
     return remarks
@@ -79,8 +79,9 @@ def make_diagnosis(
     *remarks*: those about the readings.
     """
     remarks = list(remarks)
-    sessions, rests, baseline = searched.sessions, searched.rests, searched.baseline
-    result, touched, last = searched.result, searched.touched, searched.result.last
+    prepared, baseline = searched.prepared, searched.baseline
+    sessions, rests, touched = prepared.sessions, prepared.rests, prepared.touched
+    result, last = searched.result, searched.result.last
     squares, groups, written = heldout.squares, heldout.groups, heldout.written
     remarks += describe_off_orientations(heldout.outlying, rests, last)
     outlying = np.unique(rests.point_of[heldout.outlying])
@@ -141,7 +142,7 @@ def make_diagnosis(
         remarks=tuple(remarks),
         touched=touched,
         touched_gain=_compute_parting_gain(
-            searched.original_sessions, sessions, arm, baseline.calibration
+            prepared.original_sessions, sessions, arm, baseline.calibration
         )
         if touched
         else None,

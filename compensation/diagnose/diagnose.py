@@ -2,7 +2,8 @@
 
 A session of another arm spreads its error over all causes, and the search would name as many as it
 may. So sessions that do not fit the others are looked for first, and the others are searched
-without them. A session that a few causes explain is included again.
+without them. A session that a few causes explain is included again. Placements are split where
+their artefact moved, all at once, before each search.
 """
 
 from __future__ import annotations
@@ -26,15 +27,11 @@ from armd.compensation.diagnose.constants import (
     GAIN_BEGINS,
     HELD_OUT_BEGINS,
     MOST_EXPLAINING,
-    MOST_MOVED,
     MOST_REPEATED,
 )
-from armd.compensation.diagnose.diagnosis import Diagnosis, MovedArtefact
+from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.fitting.absorbed_error import allow_absorbed_error
-from armd.compensation.diagnose.fitting.under_test import (
-    make_model_and_judge_sessions,
-    make_model_under_test,
-)
+from armd.compensation.diagnose.fitting.under_test import make_model_and_judge_sessions
 from armd.compensation.diagnose.heldout.cross_validation import validate_in_turn
 from armd.compensation.diagnose.heldout.fold_residuals import compare_heldout
 from armd.compensation.diagnose.heldout.gain import compute_gains, group_readings
@@ -50,17 +47,17 @@ from armd.compensation.diagnose.heldout.validation import (
     validate_by_session,
 )
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.rests import collect_rests, require_spare
 from armd.compensation.diagnose.search.compare_searches import (
     has_clearly_lower_noise,
     is_likely_beside,
     may_replace,
 )
-from armd.compensation.diagnose.search.moved_artefact import find_moved_artefact
+from armd.compensation.diagnose.search.moved_artefact import find_moved_artefacts, split_placements
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.search_outcome import (
+    PreparedSessions,
     SearchOutcome,
     drop_inconsistent,
     is_farther_off,
@@ -125,9 +122,7 @@ def _diagnose(
             remarks = [*diagnosis.remarks, *work.in_words()]
             return replace(diagnosis, remarks=tuple(remarks), skipped=tuple(work.skipped))
         refuted += newly_refuted
-        without = _search(
-            searched.original_sessions, arm, calibration, progress, work, refuted=refuted
-        )
+        without = _search(searched.prepared, arm, progress, work, refuted)
         if not is_likely_beside(without.result, diagnosis.search, arm):
             break
         extended_remarks = [*remarks, describe_refuted(refuted)]
@@ -151,7 +146,7 @@ def _conclude_search(
     remarks = [*remarks, *describe_readings(searched, arm)]
     drop_freed()
     progress("gain", GAIN_BEGINS)
-    result, sessions = searched.result, searched.sessions
+    result, sessions = searched.result, searched.prepared.sessions
     calibration = searched.baseline.calibration
     outlying, outlier_p = find_outliers(result.last)
     if holdout:
@@ -186,109 +181,127 @@ def _search_sessions(
 ) -> tuple[SearchOutcome, list[str]]:
     """Search the sessions that fit each other; return remarks about the others, too."""
     remarks, strange = list[str](), list[InconsistentSession]()
-    consistent = tuple(sessions)
-    of_all, inconsistent = make_model_and_judge_sessions(consistent, arm, calibration)
-    baseline = of_all
-    while inconsistent is not None:
-        strange.append(inconsistent)
-        consistent = drop_inconsistent(consistent, inconsistent)
-        baseline, inconsistent = make_model_and_judge_sessions(consistent, arm, calibration)
-    searched = _search(consistent, arm, calibration, progress, work, baseline)
+    of_all = prepared = _prepare(sessions, arm, calibration, progress, work)
+    while prepared.inconsistent is not None:
+        strange.append(prepared.inconsistent)
+        consistent = drop_inconsistent(prepared.original_sessions, prepared.inconsistent)
+        prepared = _prepare(consistent, arm, calibration, progress, work)
+    searched = _search(prepared, arm, progress, work)
     inexplicable = []
     for inconsistent in strange:
         remarks.append(inconsistent.in_words())
-        other_strange = [session for session in strange if session is not inconsistent]
-        rejoined, begin = (
-            drop_inconsistent(sessions, *other_strange),
-            None if other_strange else of_all,
-        )
-        if not _is_explained(
-            rejoined, inconsistent, searched, arm, calibration, progress, work, begin
-        ):
+        rejoined = of_all
+        if len(strange) > 1:
+            without_others = drop_inconsistent(
+                sessions, *(session for session in strange if session is not inconsistent)
+            )
+            rejoined = _prepare(without_others, arm, calibration, progress, work)
+        if not _is_explained(rejoined, inconsistent, searched, arm, progress, work):
             inexplicable.append(inconsistent)
             remarks.append(
                 f"no cause explains session {inconsistent.path.name}: the diagnosis is without it"
             )
     if len(inexplicable) < len(strange):
-        explained = drop_inconsistent(sessions, *inexplicable)
-        searched = _search(explained, arm, calibration, progress, work)
+        if inexplicable:
+            explained = drop_inconsistent(sessions, *inexplicable)
+            of_all = _prepare(explained, arm, calibration, progress, work)
+        searched = _search(_split(of_all, arm, calibration), arm, progress, work)
     return searched, remarks
 
 
-def _is_explained(
+def _prepare(
     sessions: Sequence[Session],
+    arm: Arm,
+    calibration: Calibration | None,
+    progress: TellShare,
+    work: WorkBudget,
+) -> PreparedSessions:
+    """Split placements where the artefact moved, all found in one fit, and judge the sessions."""
+    baseline, inconsistent = make_model_and_judge_sessions(sessions, arm, calibration)
+    prepared = PreparedSessions(
+        tuple(sessions), tuple(sessions), collect_rests(sessions, arm), baseline, inconsistent
+    )
+    prepared.search = search = _take_search(prepared, arm, progress, work)
+    touched, prepared.fitted = find_moved_artefacts(search.first_fit, search.survey)
+    prepared.touched = tuple(touched)
+    if inconsistent is not None and is_farther_off(prepared.fitted, inconsistent.path):
+        return prepared
+    return _split(prepared, arm, calibration)
+
+
+def _split(
+    prepared: PreparedSessions, arm: Arm, calibration: Calibration | None
+) -> PreparedSessions:
+    """Split placements where the artefact moved, and make the model under test of the parts."""
+    if not prepared.touched or prepared.fitted is None:
+        return prepared
+    parted = split_placements(prepared.rests, prepared.touched)
+    baseline, inconsistent = make_model_and_judge_sessions(parted, arm, calibration)
+    return replace(
+        prepared,
+        sessions=parted,
+        rests=collect_rests(parted, arm),
+        baseline=baseline,
+        inconsistent=inconsistent,
+        fitted=None,
+        search=None,
+    )
+
+
+def _take_search(
+    prepared: PreparedSessions,
+    arm: Arm,
+    progress: TellShare,
+    work: WorkBudget,
+    refuted: Sequence[Candidate] = (),
+) -> Search:
+    """Return a search that has not run, the prepared one if there is one and nothing is refuted."""
+    search, prepared.search = prepared.search, None
+    if search is not None and not refuted:
+        return search
+    drop_freed()
+    held_out, barred = partial(compare_heldout, arm=arm), partial(is_refuted, refuted=refuted)
+    return Search(prepared.rests, arm, prepared.baseline, progress, held_out, work, barred)
+
+
+def _is_explained(
+    prepared: PreparedSessions,
     inconsistent: InconsistentSession,
     without: SearchOutcome,
     arm: Arm,
-    calibration: Calibration | None,
     progress: TellShare,
     work: WorkBudget,
-    begin: Baseline | None,
 ) -> bool:
     """Whether a few causes explain the session that does not fit the others."""
-    parted = tuple(sessions)
-    for _ in range(MOST_MOVED + 1):
-        rests = collect_rests(parted, arm)
-        baseline = begin or make_model_under_test(parted, arm, calibration)
-        begin = None
-        progress(f"session {inconsistent.path.name}", 0.0)
-        search = Search(rests, arm, baseline, progress, work=work)
-        touched = find_moved_artefact(search.first)
-        if touched is None:
-            break
-        parted = touched.sessions
-    fitted = search.fit_forward(MOST_EXPLAINING)
+    progress(f"session {inconsistent.path.name}", 0.0)
+    search = _take_search(prepared, arm, progress, work)
+    fitted = search.fit_forward(MOST_EXPLAINING, prepared.fitted or search.first_fit)
     if has_clearly_lower_noise(without.result.searched, fitted):
         return False
-    number = next(k for k, session in enumerate(parted) if session.path == inconsistent.path)
-    return not is_farther_off(fitted, number)
+    return not is_farther_off(fitted, inconsistent.path)
 
 
 def _search(
-    original_sessions: Sequence[Session],
+    prepared: PreparedSessions,
     arm: Arm,
-    calibration: Calibration | None,
     progress: TellShare,
     work: WorkBudget,
-    begin: Baseline | None = None,
     refuted: Sequence[Candidate] = (),
 ) -> SearchOutcome:
-    """Search again until no artefact was moved, and return the last search.
-
-    *refuted*: causes that are excluded.
-    """
-    sessions, touched = tuple(original_sessions), list[MovedArtefact]()
-    while True:
-        rests = collect_rests(sessions, arm)
-        if begin is None or touched:
-            begin, _ = make_model_and_judge_sessions(sessions, arm, calibration)
-        baseline = begin
-        drop_freed()
-        progress("search", 0.0)
-        held_out, barred = partial(compare_heldout, arm=arm), partial(is_refuted, refuted=refuted)
-        search = Search(rests, arm, baseline, progress, held_out, work, barred)
-        moved = find_moved_artefact(search.first) if len(touched) < MOST_MOVED else None
-        if moved is None:
-            result = search.run()
-            older = allow_absorbed_error(result.searched, arm)
-            if older is not None and not work.may_go_on:
-                work.skip("the search beside what the calibration may have absorbed")
-            elif older is not None:
-                another = Search(rests, arm, older, progress, held_out, work, barred)
-                repeated = another.run()
-                if may_replace(repeated, result, arm):
-                    baseline, search, result = older, another, repeated
-            return SearchOutcome(
-                tuple(original_sessions),
-                sessions,
-                rests,
-                baseline,
-                result,
-                search.survey.parted,
-                tuple(touched),
-            )
-        touched.append(moved)
-        sessions = moved.sessions
+    """Search prepared sessions; *refuted*: causes that are excluded."""
+    progress("search", 0.0)
+    search = _take_search(prepared, arm, progress, work, refuted)
+    baseline, result = prepared.baseline, search.run()
+    older = allow_absorbed_error(result.searched, arm)
+    if older is not None and not work.may_go_on:
+        work.skip("the search beside what the calibration may have absorbed")
+    elif older is not None:
+        beside_older = replace(prepared, baseline=older, search=None)
+        another = _take_search(beside_older, arm, progress, work, refuted)
+        repeated = another.run()
+        if may_replace(repeated, result, arm):
+            baseline, search, result = older, another, repeated
+    return SearchOutcome(prepared, baseline, result, search.survey.parted)
 
 
 def find_outliers(current: Fit) -> tuple[I64, float]:

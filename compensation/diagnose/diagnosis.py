@@ -170,7 +170,6 @@ class MovedArtefact:
     p_value: float  # family-wise
     probability: float  # that it is this and not a slip or a step of the base, at that instant
     rivals: tuple[tuple[Candidate, float], ...]  # the latter, with probabilities
-    sessions: tuple[Session, ...]  # with the placement split
 
 
 @dataclass(frozen=True)

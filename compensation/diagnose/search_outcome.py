@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -13,20 +14,32 @@ from armd.compensation.diagnose.diagnosis import MovedArtefact, SearchResult
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
+from armd.compensation.diagnose.search.search import Search
 from armd.compensation.identify.admission.inconsistent_session import InconsistentSession
 
 
 @dataclass
-class SearchOutcome:
-    """The data and the findings of the last search, and what was corrected before it."""
+class PreparedSessions:
+    """Sessions before a search, and the model under test."""
 
     original_sessions: tuple[Session, ...]  # with every placement whole
     sessions: tuple[Session, ...]  # with placements split in which the artefact was moved
     rests: Rests
     baseline: Baseline
+    inconsistent: InconsistentSession | None  # the session that does not fit the others
+    touched: tuple[MovedArtefact, ...] = ()
+    fitted: Fit | None = None  # of whole placements, with all steps of the artefact; None: split
+    search: Search | None = None  # many megabytes; has not run, and serves once
+
+
+@dataclass
+class SearchOutcome:
+    """The data and the findings of the last search."""
+
+    prepared: PreparedSessions
+    baseline: Baseline
     result: SearchResult
     parted: PartedSurvey | None  # many megabytes: dropped when they are not needed any more
-    touched: tuple[MovedArtefact, ...]
 
 
 def drop_inconsistent(
@@ -37,14 +50,15 @@ def drop_inconsistent(
     return tuple(session for session in sessions if session.path not in paths)
 
 
-def is_farther_off(fitted: Fit, number: int) -> bool:
+def is_farther_off(fitted: Fit, path: Path) -> bool:
     """Whether the median reading of a session is clearly farther off than that of the others.
 
     The median is needed: where one session in ten is another arm's, its readings are only a tail of
     the noise that the others determine.
     """
-    squared_norms = fitted.noise.squares(fitted.rest_residual_mm)
-    is_of_session = fitted.linear.rests.observations.session == number
+    squared_norms, rests = fitted.noise.squares(fitted.rest_residual_mm), fitted.linear.rests
+    paths = [session.path for session in rests.sessions]
+    is_of_session = rests.observations.session == paths.index(path)
     return bool(
         np.median(squared_norms[is_of_session])
         > AS_FAR_OFF**2 * np.median(squared_norms[~is_of_session])

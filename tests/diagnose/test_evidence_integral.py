@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from scipy.stats import chi2, norm
 
 from armd.compensation.diagnose.scoring.evidence import add_sums, estimate_amplitudes, score
-from armd.compensation.effects.effect import SCALES
+from armd.compensation.effects.sizes import SCALES
 from support.small_sums import TYPICAL, N, problem, sums_of
 
 

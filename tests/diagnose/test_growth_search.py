@@ -16,7 +16,8 @@ from armd.arrays import F64
 from armd.compensation.diagnose.constants import EXPECTED_PRIOR
 from armd.compensation.diagnose.search import growth as module
 from armd.compensation.diagnose.search.growth import _grown, _Growth
-from armd.compensation.effects.effect import SCALES, Candidate
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.sizes import SCALES
 from support import synthetic
 from support.small_fit import candidate, unit_noise
 

@@ -8,9 +8,9 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
-from armd.compensation.diagnose.problem.amplitudes import compute_broadest_sd
 from armd.compensation.diagnose.scoring import robust_refit, scatter
 from armd.compensation.diagnose.scoring.projection import Projection
+from armd.compensation.effects.sizes import compute_broadest_sd
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.estimate.noise.robust import WINSOR_AT
 from support.small_fit import candidate, small_fit

@@ -14,22 +14,22 @@ from scipy.optimize import minimize
 
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import LEAST_RESTS_BESIDE, LEAST_TARGETS, TOUCHED_GRID
+from armd.compensation.diagnose.diagnosis import MovedArtefact
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.rests import collect_rests
-from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.search.moved_artefact import (
     _at_the_instant,
     _distance,
     _grid,
-    _parted,
+    _locate,
     _possible,
-    find_moved_artefact,
+    find_moved_artefacts,
+    split_placements,
 )
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.artefact_moved import make_candidate
-from armd.compensation.effects.setup.mount_drift import MOST_MOUNT_STEP
 from armd.compensation.estimate.noise.robust import WINSOR_AT, compute_huber_loss
 from support import synthetic
 from support.selection import parametrize_default
@@ -108,6 +108,7 @@ def test_a_placement_is_parted_at_its_row_and_nothing_else_is() -> None:
         placement=np.concatenate([first.placement, 2 + second.placement])[kept],
         session=np.repeat([0, 1], 8)[kept],
         session_names=["one", "two"],
+        placement_names=["one/P0", "one/P1", "two/P0", "two/P1"],
         states=SimpleNamespace(time_s=np.concatenate([first.states.time_s, time_s])[kept]),
     )
     of: Any = SimpleNamespace(
@@ -119,12 +120,18 @@ def test_a_placement_is_parted_at_its_row_and_nothing_else_is() -> None:
     )
     of.in_order = Rests.in_order.func(of)
     # In time: row 7, row 1, rows 3 and 5; a step after two of these rests.
-    (same, parted), name, row, instant = _parted(of, 3, 2)
-    assert same is first and name == "two"
-    assert parted.placement.tolist() == [0, 1, 0, 2, 0, 2, 0, 1]
-    assert parted.placement_names == ["P0", "P1", "P1 (moved)"]
+    name, placement, row, instant = _locate(make_candidate(3, 2), of)
+    assert (name, placement) == ("two", "P1")
     assert row == 3 + 2 + 1  # as the file counts it, from 1
     assert instant == (time_s[1] + time_s[3]) / 2
+    moves: list[Any] = [SimpleNamespace(candidate=make_candidate(3, k)) for k in (2, 1)]
+    same, once = split_placements(of, moves[:1])
+    assert same is first
+    assert once.placement.tolist() == [0, 1, 0, 2, 0, 2, 0, 1]
+    assert once.placement_names == ["P0", "P1", "P1 (moved)"]
+    _, twice = split_placements(of, moves)
+    assert twice.placement.tolist() == [0, 2, 0, 3, 0, 3, 0, 1]
+    assert twice.placement_names == ["P0", "P1", "P1 (moved)", "P1 (moved) (moved)"]
 
 
 def step(cause: str, joint: int, at: float, finer: float | None = None) -> Candidate:
@@ -145,18 +152,14 @@ def test_of_each_rival_the_step_nearest_to_the_instant_is_compared() -> None:
         step("encoder_slip", 2, 40.0), candidate("encoder_scale", 3),
         step("mount_drift", 1, 60.0),
     ]  # fmt: skip
-    signatures = SimpleNamespace(candidates=tuple(every))
-    scored: Any = SimpleNamespace(scores=SimpleNamespace(signatures=signatures))
     of: Any = SimpleNamespace(observations=observations, point_of=np.arange(12))
     of.in_order = Rests.in_order.func(of)
-    found = _at_the_instant(make_candidate(0, 6), scored, of)  # between 50 and 60 s
+    found = _at_the_instant(make_candidate(0, 6), every, of)  # between 50 and 60 s
     assert [(c.cause, str(c.location), c.setting[0][1]) for c in found] == [
         ("encoder_slip", "joint 1", 56.0),
         ("encoder_slip", "joint 2", 40.0),
         ("mount_drift", "joint 1", 60.0),
     ]
-    # A mount that steps farther is an artefact that was moved.
-    assert [c.columns[0].reach for c in found] == [np.inf, np.inf, MOST_MOUNT_STEP]
 
 
 def shaken(seed: int, moved_mm: float = 0.0) -> list[Session]:
@@ -178,19 +181,31 @@ def shaken(seed: int, moved_mm: float = 0.0) -> list[Session]:
     return [*started[:-1], replace(last, truth_mm=truth)]
 
 
-def looked_at(sessions: list[Session]) -> ScoredCandidates:
+def find_moves(sessions: list[Session]) -> list[MovedArtefact]:
     baseline = make_model_under_test(sessions, ARM, None)
-    return Search(collect_rests(sessions, ARM), ARM, baseline).first
+    search = Search(collect_rests(sessions, ARM), ARM, baseline)
+    return find_moved_artefacts(search.first_fit, search.survey)[0]
 
 
 @pytest.mark.slow
 @parametrize_default("seed", range(4))
 def test_a_session_that_scatters_more_moves_no_artefact(seed: int) -> None:
-    assert find_moved_artefact(looked_at(shaken(seed))) is None
+    assert find_moves(shaken(seed)) == []
 
 
 @pytest.mark.slow
 def test_what_was_moved_is_found_beside_a_session_that_scatters_more() -> None:
-    found = find_moved_artefact(looked_at(shaken(1, moved_mm=0.15)))
-    assert found is not None
+    (found,) = find_moves(shaken(1, moved_mm=0.15))
     assert (found.session, found.placement) == ("session-5", "P0")
+
+
+@pytest.mark.slow
+def test_all_moves_are_found_in_one_fit_the_small_one_beside_the_large() -> None:
+    sessions = shaken(1, moved_mm=0.5)
+    first = sessions[0]
+    later = (first.placement == 1) & (np.arange(first.n) >= 3 * first.n // 4)
+    truth = first.truth_mm + 0.06 * later[:, None] * np.array([0.0, 0.6, 0.8])
+    found = find_moves([replace(first, truth_mm=truth), *sessions[1:]])
+    assert [(move.session, move.placement) for move in found] == [
+        ("session-5", "P0"), ("session-1", "P1"),
+    ]  # fmt: skip

@@ -15,7 +15,6 @@ from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.constants import LEAST_MM
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.neighbourhood import is_possible
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import ModelState, Rests
@@ -138,18 +137,3 @@ def test_only_missing_temperatures_are_called_that(seats: tuple[Arm, Session, Re
     model = ModelState(arm.nominal(), (warm,), 20.0, ArtefactCorrection())
     with pytest.raises(BadInput, match="temperatures: found missing"):
         linearise(rests, model, arm)
-
-
-def test_a_cause_may_be_as_large_as_the_arm_is_coarse(seats: tuple[Arm, Session, Rests]) -> None:
-    """3 mm at half a metre are 20 minutes of arc: a disc that errs by a degree is possible there,
-    and not on an arm that its calibration left seconds off."""
-    arm, session, rests = seats
-    coarse = make_model_under_test([session], arm, None)
-    noise = coarse.calibration.noise.model_copy(update={"encoder_rad": [5e-6], "reading_mm": 2e-3})
-    calibration = coarse.calibration.model_copy(update={"noise": noise})
-    fine = replace(coarse, calibration=calibration)
-    degree = np.radians([1.0, 0.0])
-    for baseline, able in ((coarse, True), (fine, False)):
-        known = list_all_candidates(collect_facts(rests, arm, baseline))
-        disc = next(c for c in known if c.cause == "encoder_ellipticity")
-        assert is_possible(disc, degree) == able

@@ -13,11 +13,8 @@ from convert import ROBOTS
 
 from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.fitting.neighbourhood import is_possible
 from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.diagnose.report.verdict import write_verdict
-from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.gauge import PLAUSIBLE
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm, load_arm
@@ -61,14 +58,6 @@ def test_an_arm_is_not_folded_away(converted: Path) -> None:
 @pytest.mark.parametrize("seed", [0, *map(long_case, range(1, 5))])
 def test_halves_agree(converted: Path, robot: str, seed: int) -> None:
     judge(converted, robot, seed)
-
-
-def test_a_cause_has_sizes_that_it_can_have() -> None:
-    twist = Candidate("joint_compliance", location.joint(3), (Column("compliance", "", 6e-6),), ())
-    assert is_possible(twist, np.array([3e-4]))
-    assert not is_possible(twist, np.array([2.3e-3]))
-    blow = Candidate("encoder_slip", location.joint(3), (Column("step", "rad", 7e-5),), ())
-    assert is_possible(blow, np.array([0.5]))
 
 
 @pytest.mark.slow

@@ -1,13 +1,14 @@
 """An artefact that was moved while it was measured: detected and corrected before the search.
 
-A placement is one rigid pose only if nobody touches the artefact. The placement is split in two at
-a step that stands out of the scatter of its readings. The step must explain them better than a slip
-or a step of the base at that instant. No reading is lost, and no residual remains that the search
-would attribute to the arm.
+A placement is one rigid pose only if nobody touches the artefact. The placement is split at each
+step that stands out of the scatter of its readings. All steps are looked for in one first fit. Each
+must explain the readings better than a slip or a step of the base at that instant. No reading is
+lost, and no residual remains that the search would attribute to the arm.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from armd.compensation.diagnose.constants import (
     LEAST_PROBABILITY,
     LEAST_RESTS_BESIDE,
     LEAST_TARGETS,
+    MOST_MOVED,
     RANK_SHARE,
     REWEIGHTINGS,
     TOUCHED_FINER,
@@ -28,32 +30,53 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.diagnosis import MovedArtefact
 from armd.compensation.diagnose.fitting.refit import solve_with_findings
+from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.signatures import identify_kind, make_finding_columns
-from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
+from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.evidence import estimate_amplitudes
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.robust_refit import clip_about
 from armd.compensation.diagnose.scoring.scatter import compute_log_p_by_scatter
 from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p, is_significant
 from armd.compensation.diagnose.search.findings import find_nearest_step
+from armd.compensation.diagnose.search.survey import Survey
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import make_candidate
 from armd.compensation.effects.setup.mount_drift import MOST_MOUNT_STEP
 from armd.compensation.estimate.noise.robust import compute_huber_loss, compute_huber_weights
 
 
-def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
-    """Return the clearest step of one placement, or None if another step explains more."""
-    projection = scored.projection
-    rests = projection.fit.linear.rests
+def find_moved_artefacts(first: Fit, survey: Survey) -> tuple[list[MovedArtefact], Fit]:
+    """Return the steps of single placements, the clearest first, and the fit with all of them.
+
+    They are added to the *first* fit of a search one by one: each is weighed beside those before.
+    """
+    rests = first.linear.rests
     placements = rests.in_order.items()
     coarse = [make_candidate(p, k) for p, rows in placements for k in _grid(_possible(rests, rows))]
-    if not coarse:
-        return None
+    moves: list[MovedArtefact] = []
+    fit = first
+    while coarse and len(moves) < MOST_MOVED:
+        move = _find_clearest(make_projection(fit, survey.arm), coarse, survey.refusals.candidates)
+        if move is None:
+            break
+        moves.append(move)
+        fit = survey.fit([move.candidate for move in moves], fit)
+    return moves, fit
+
+
+def _find_clearest(
+    projection: Projection, coarse: Sequence[Candidate], catalogue: Sequence[Candidate]
+) -> MovedArtefact | None:
+    """Return the clearest step of one placement, or None if another step explains more.
+
+    *coarse*: steps of the artefact at few instants of each placement. *catalogue*: all candidates.
+    """
+    rests = projection.fit.linear.rests
     coarse_scores = score_candidates(projection, coarse).scores
     best = int(np.argmax(coarse_scores.log_evidence))
-    tests = len(scored.scores.freedom) + len(coarse)
+    tests = len(catalogue) + len(coarse)
     if not is_significant(coarse_scores.log_p[best], tests):
         return None
     candidate = _refined(coarse[best], projection)
@@ -61,7 +84,7 @@ def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
     # A session that scatters more than the others (a floor that shakes) has larger steps by chance.
     if not is_significant(compute_log_p_by_scatter(candidate, about), tests):
         return None
-    rivals = _at_the_instant(candidate, scored, rests)
+    rivals = _at_the_instant(candidate, catalogue, rests)
     compared = score_candidates(about, [candidate, *rivals])
     evidence = compared.scores.log_evidence
     if len(rivals) and evidence[0] < evidence[1:].max():
@@ -72,12 +95,10 @@ def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
     columns = make_finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
     white, cleared = about.clear_of_all(columns)
     variance = np.diag(np.linalg.pinv(white.T @ cleared, rcond=ABSORBED, hermitian=True))
-    change = _change(candidate)
-    parted, session, row, instant = _parted(rests, change.index, change.after)
-    name = rests.observations.placement_names[change.index]
+    session, placement, row, instant = _locate(candidate, rests)
     return MovedArtefact(
         session=session,
-        placement=name.removeprefix(f"{session}/"),
+        placement=placement,
         row=row,
         instant_unix_s=instant,
         candidate=candidate,
@@ -86,7 +107,6 @@ def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
         p_value=max(float(compute_family_wise_p(compared.scores.log_p[0], tests)), LEAST_P),
         probability=float(share[0]),
         rivals=tuple((rival, float(p)) for rival, p in reported if p >= LEAST_PROBABILITY),
-        sessions=parted,
     )
 
 
@@ -196,15 +216,12 @@ def _steps(candidate: Candidate) -> bool:
 
 
 def _at_the_instant(
-    candidate: Candidate, scored: ScoredCandidates, rests: Rests
+    candidate: Candidate, catalogue: Sequence[Candidate], rests: Rests
 ) -> list[Candidate]:
     """Return the step nearest to that instant of each place that may have stepped then."""
-    change = _change(candidate)
-    time_s = rests.observations.states.time_s[rests.in_order[change.index]]
-    instant = float(time_s[change.after - 1 : change.after + 1].mean())
-
+    instant = _compute_instant(_change(candidate), rests)
     grid: dict[tuple[str, ...], list[Candidate]] = {}
-    for step in filter(_steps, scored.scores.signatures.candidates):
+    for step in filter(_steps, catalogue):
         grid.setdefault(identify_kind(step), []).append(step)
     return [_as_large_as_it_steps(find_nearest_step(instant, of_kind)) for of_kind in grid.values()]
 
@@ -214,36 +231,41 @@ def _as_large_as_it_steps(step: Candidate) -> Candidate:
     return replace(step, columns=columns) if step.cause == "mount_drift" else step
 
 
-def _parted(
-    rests: Rests, placement: int, after: int
-) -> tuple[tuple[Session, ...], str, int, float]:
-    """Split a placement: return the sessions, its session's name, the first row afterwards, the
-    instant.
+def _compute_instant(change: ArtefactChange, rests: Rests) -> float:
+    """Return the time halfway between the rests before and after a step, in s (Unix)."""
+    time_s = rests.observations.states.time_s[rests.in_order[change.index]]
+    return float(time_s[change.after - 1 : change.after + 1].mean())
 
-    The row counts from 1.
-    """
-    observations = rests.observations
-    order = rests.in_order[placement]
+
+def _find_rows_after(change: ArtefactChange, rests: Rests) -> tuple[int, I64]:
+    """Return the number of a step's session, and its rows after the step in that placement."""
+    order = rests.in_order[change.index]
     later = np.zeros(rests.n + 1, dtype=bool)  # the last entry: readings that are in no rest
-    later[order[after:]] = True
-    number = int(observations.session[order[0]])
+    later[order[change.after :]] = True
+    number = int(rests.observations.session[order[0]])
     begin = sum(session.n for session in rests.sessions[:number])
-    session = rests.sessions[number]
-    rows = later[rests.rest_of[begin : begin + session.n]]
-    placement_number = int(session.placement[rows][0])
-    parted = replace(
-        session,
-        placement=np.where(rows, len(session.placement_names), session.placement),
-        placement_names=[
-            *session.placement_names,
-            f"{session.placement_names[placement_number]} (moved)",
-        ],
-    )
-    first = int(np.flatnonzero(rows)[np.argmin(session.states.time_s[rows])])
-    if np.isnan(session.states.time_s[first]):
-        first = int(np.flatnonzero(rows)[0])
-    time_s = observations.states.time_s[order]
-    sessions = tuple(parted if s is session else s for s in rests.sessions)
-    name = observations.session_names[number]
-    instant = float(time_s[after - 1 : after + 1].mean())
-    return sessions, name, int(session.row[first]) + 1, instant
+    return number, np.flatnonzero(later[rests.rest_of[begin : begin + rests.sessions[number].n]])
+
+
+def _locate(candidate: Candidate, rests: Rests) -> tuple[str, str, int, float]:
+    """Return a step's session and placement, the first row after it (from 1) and its instant."""
+    change = _change(candidate)
+    number, rows = _find_rows_after(change, rests)
+    session, name = rests.sessions[number], rests.observations.session_names[number]
+    placement = rests.observations.placement_names[change.index].removeprefix(f"{name}/")
+    first = int(rows[np.argmin(session.states.time_s[rows])])
+    return name, placement, int(session.row[first]) + 1, _compute_instant(change, rests)
+
+
+def split_placements(rests: Rests, moves: Sequence[MovedArtefact]) -> tuple[Session, ...]:
+    """Return the sessions with each placement split where its artefact moved."""
+    sessions = list(rests.sessions)
+    changes = [_change(move.candidate) for move in moves]
+    for change in sorted(changes, key=lambda change: (change.index, change.after)):
+        number, rows = _find_rows_after(change, rests)
+        session = sessions[number]
+        placement, names = session.placement.copy(), session.placement_names
+        placement[rows] = len(names)
+        moved = f"{names[session.placement[rows[0]]]} (moved)"
+        sessions[number] = replace(session, placement=placement, placement_names=[*names, moved])
+    return tuple(sessions)

@@ -10,6 +10,8 @@ import math
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 
+import numpy as np
+
 from armd.compensation.diagnose.constants import (
     AS_WELL,
     CLEARLY,
@@ -27,7 +29,7 @@ from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.shape import select_with_causes
-from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p
+from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p, is_significant
 from armd.compensation.diagnose.search.find_rival_sets import (
     RivalSet,
     RivalSetSearch,
@@ -93,9 +95,14 @@ class Search:
         self._rivals: tuple[str, list[RivalSet]] | None = None
 
     @cached_property
+    def first_fit(self) -> Fit:
+        """The fit of the model under test, without any finding."""
+        return self.survey.fit([])
+
+    @cached_property
     def first(self) -> ScoredCandidates:
         """The scores of the whole catalogue under the model under test."""
-        return self.survey.score(self.survey.fit([]))
+        return self.survey.score(self.first_fit)
 
     def run(self) -> SearchResult:
         """Search forward, looking back after every step."""
@@ -175,19 +182,20 @@ class Search:
             refused=tuple(survey.refusals.refused),
         )
 
-    def fit_forward(self, most_findings: int) -> Fit:
-        """Add one cause after another, at most *most_findings*, without looking back at any."""
-        survey, scored = self.survey, self.first
-        current = scored.fit
+    def fit_forward(self, most_findings: int, current: Fit) -> Fit:
+        """Add the likeliest cause after another to a fit, at most *most_findings*.
+
+        None is given the best name: the fit shows only whether causes explain the readings.
+        """
+        survey = self.survey
+        scored = survey.score(current)
         for step in range(most_findings):
-            best = choose_candidate(scored.projection, scored.scores, survey.tests)
-            if best is None:
+            scores = scored.scores
+            likeliest = int(np.argmax(scores.log_posterior()))
+            if not is_significant(scores.log_p[likeliest], survey.tests):
                 break
-            fitted = survey.fit(join_finding(current.findings, best), current)
-            if reason := find_refusal(fitted, current, survey.arm):
-                survey.refusals.add(best, reason)
-            else:
-                current = fitted
+            candidate = scores.signatures.candidates[likeliest]
+            current = survey.fit(join_finding(current.findings, candidate), current)
             if step + 1 < most_findings:
                 scored = survey.score(current)
         return current

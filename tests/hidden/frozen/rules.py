@@ -206,8 +206,8 @@ RULES = (
          lambda original, *args: (original(*args)[0], None),
          lambda result, *_: result[1] is not None),
     Rule("a session explained comes back", DIAGNOSE + "_is_explained", always(False)),
-    Rule("a placement parted where its artefact moved", DIAGNOSE + "find_moved_artefact",
-         always(None), here_only=True),
+    Rule("a placement parted where its artefact moved", DIAGNOSE + "find_moved_artefacts",
+         lambda _original, first, _survey: ([], first), here_only=True),
     Rule(
         "a mount steps by little", SEARCH + "moved_artefact:_as_large_as_it_steps", give(0),
     ),
