@@ -71,7 +71,6 @@ class Options:
 
     thermal_order: int | None = None  # None: chosen by the held-out error
     compare: bool = True  # thermal models; if not, the linear one is used where it is determined
-    judges_sessions: bool = True  # whether to search for a session that does not fit the others
     thermal_method: ThermalMethod = "polynomial"
     offset: bool = False  # C of eq. 14, per temperature; other models have it in the constants
     command: str = ""  # for the provenance
@@ -125,9 +124,7 @@ def _calibrate(
         sessions, observations, first.linearisation.poses, first.linearisation.position_mm
     )
     nominal_rms_um = compute_nominal_rms_um(observations, tips.terms, tips.free)
-    inconsistent = None
-    if simple and options.judges_sessions:
-        inconsistent = find_inconsistent_session(sessions, first, nominal_rms_um)
+    inconsistent = find_inconsistent_session(sessions, first, nominal_rms_um) if simple else None
     second = (
         None
         if not simple or (inconsistent and inconsistent.tip)

@@ -10,7 +10,7 @@ import pytest
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.expansions import make_expansion_columns
-from armd.compensation.diagnose.fitting.under_test import make_model_under_test
+from armd.compensation.diagnose.fitting.under_test import make_model_and_judge_sessions
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import collect_rests
@@ -92,7 +92,7 @@ def test_what_is_wrong_beside_it_is_found_alone() -> None:
 
 def test_they_are_free_by_what_materials_do_and_beside_no_other_model() -> None:
     sessions = measured(1, ONE_C)
-    baseline = make_model_under_test(sessions, ARM, None)
+    baseline = make_model_and_judge_sessions(sessions, ARM, None)[0]
     linear = linearise(collect_rests(sessions, ARM), baseline.model, ARM)
     columns, variance = make_expansion_columns(linear, baseline, ARM)
     lengths_mm = [
@@ -110,7 +110,7 @@ def test_they_are_free_by_what_materials_do_and_beside_no_other_model() -> None:
     held = from_calibration(baseline.calibration, ARM, is_given=True)
     assert make_expansion_columns(linear, held, ARM)[0].shape[1] == 0
     warm = measured(1, (14.0, 20.0, 26.0))
-    thermal = make_model_under_test(warm, ARM, None)
+    thermal = make_model_and_judge_sessions(warm, ARM, None)[0]
     assert thermal.calibration.provenance["thermal_order"] == 1
     linear = linearise(collect_rests(warm, ARM), thermal.model, ARM)
     assert make_expansion_columns(linear, thermal, ARM)[0].shape[1] == 0

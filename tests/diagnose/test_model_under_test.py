@@ -8,7 +8,6 @@ import pytest
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.fitting.under_test import (
     make_model_and_judge_sessions,
-    make_model_under_test,
 )
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.thermal.comparison import Comparison
@@ -42,12 +41,12 @@ def test_it_is_the_linear_one_which_calibrate_makes_when_told(
     assert calibrate(measured, ARM).thermal_order == 2
     told = calibrate(measured, ARM, Options(thermal_order=1)).calibration
     monkeypatch.setattr(Comparison, "trials", None)  # no other is tried
-    found = make_model_under_test(measured, ARM, None).calibration
+    found = make_model_and_judge_sessions(measured, ARM, None)[0].calibration
     assert found.model_dump(exclude={"created"}) == told.model_dump(exclude={"created"})
 
 
 def test_at_one_temperature_it_is_the_geometry_alone() -> None:
-    found = make_model_under_test(sessions(20.0), ARM, None)
+    found = make_model_and_judge_sessions(sessions(20.0), ARM, None)[0]
     assert found.model.terms == () and found.calibration.provenance["thermal_order"] == 0
 
 

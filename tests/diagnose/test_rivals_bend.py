@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.under_test import make_model_under_test
+from armd.compensation.diagnose.fitting.under_test import make_model_and_judge_sessions
 from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.problem.session_facts import collect_facts
 from armd.compensation.diagnose.scoring.candidates import score_candidates
@@ -29,7 +29,8 @@ def told(size_rad: float, second: float) -> list[float]:
     q = session.states.q.copy()
     q[:, 2] += size_rad * (np.sin(q[:, 2]) + second * np.sin(2 * q[:, 2] + 1.0))
     session = replace(session, states=replace(session.states, q=q))
-    rests, baseline = collect_rests([session], ARM), make_model_under_test([session], ARM, None)
+    rests = collect_rests([session], ARM)
+    baseline, _ = make_model_and_judge_sessions([session], ARM, None)
     catalogued = catalogue.list_all_candidates(collect_facts(rests, ARM, baseline))
     names = {(c.cause, str(c.location)): c for c in catalogued}
     both = [names[DISC], names[OVAL]]

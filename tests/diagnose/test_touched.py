@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import LEAST_RESTS_BESIDE, LEAST_TARGETS, TOUCHED_GRID
 from armd.compensation.diagnose.diagnosis import MovedArtefact
-from armd.compensation.diagnose.fitting.under_test import make_model_under_test
+from armd.compensation.diagnose.fitting.under_test import make_model_and_judge_sessions
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.search.moved_artefact import (
@@ -182,7 +182,7 @@ def shaken(seed: int, moved_mm: float = 0.0) -> list[Session]:
 
 
 def find_moves(sessions: list[Session]) -> list[MovedArtefact]:
-    baseline = make_model_under_test(sessions, ARM, None)
+    baseline = make_model_and_judge_sessions(sessions, ARM, None)[0]
     search = Search(collect_rests(sessions, ARM), ARM, baseline)
     return find_moved_artefacts(search.first_fit, search.survey)[0]
 

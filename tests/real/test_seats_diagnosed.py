@@ -15,7 +15,7 @@ from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.constants import LEAST_MM
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.under_test import make_model_under_test
+from armd.compensation.diagnose.fitting.under_test import make_model_and_judge_sessions
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import ModelState, Rests
 from armd.compensation.diagnose.problem.linearise import linearise
@@ -100,7 +100,7 @@ def test_a_step_is_judged_by_its_own_scatter(folder: Path, place: str) -> None:
 
 def test_without_times_nothing_is_claimed_of_a_moment(seats: tuple[Arm, Session, Rests]) -> None:
     arm, session, rests = seats
-    facts = collect_facts(rests, arm, make_model_under_test([session], arm, None))
+    facts = collect_facts(rests, arm, make_model_and_judge_sessions([session], arm, None)[0])
     assert not facts.timed
     for candidate in list_all_candidates(facts):
         assert "time_s" not in candidate.depends_on
@@ -110,7 +110,7 @@ def test_without_times_nothing_is_claimed_of_a_moment(seats: tuple[Arm, Session,
 def test_the_only_length_is_not_doubted(seats: tuple[Arm, Session, Rests]) -> None:
     """An arm shrunk to nothing has no residual: what alone says its size cannot be a finding."""
     arm, session, rests = seats
-    free = make_model_under_test([session], arm, None)
+    free = make_model_and_judge_sessions([session], arm, None)[0]
     assert collect_facts(rests, arm, free).distances == ()
     held = from_calibration(free.calibration, arm, is_given=True)
     assert len(collect_facts(rests, arm, held).distances) == 1
@@ -122,7 +122,7 @@ def test_noise_stays_finite_where_everything_is_absorbed(
     arm, session, rests = seats
     column = Column("distance", "mm", 0.05, artefact=ArtefactChange("distance", index=0))
     shrinks = Candidate("artefact_length", location.ARTEFACT, (column,), ("target",))
-    baseline = make_model_under_test([session], arm, None)
+    baseline = make_model_and_judge_sessions([session], arm, None)[0]
     found = fit(rests, arm, baseline, baseline.model, [shrinks], [np.zeros(1)])
     assert found.noise.scale_mm >= LEAST_MM
     assert np.isfinite(found.solution).all()

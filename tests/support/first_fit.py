@@ -9,7 +9,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.under_test import make_model_under_test
+from armd.compensation.diagnose.fitting.under_test import make_model_and_judge_sessions
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.problem.session_facts import collect_facts
@@ -26,7 +26,8 @@ def first_fit(seed: int, plants: Sequence[Plant]) -> tuple[MadeCase, Fit, Arm, l
     """The case, a fit of no finding to its sessions, the arm, and the catalogue's candidates."""
     made = make_case(seed, plants, Design(sessions=4, articulations=3, holdout=0))
     arm, sessions = made.arm, made.sessions
-    baseline, rests = make_model_under_test(sessions, arm, None), collect_rests(sessions, arm)
+    baseline, _ = make_model_and_judge_sessions(sessions, arm, None)
+    rests = collect_rests(sessions, arm)
     candidates = list(catalogue.list_all_candidates(collect_facts(rests, arm, baseline)))
     return made, fit(rests, arm, baseline, baseline.model), arm, candidates
 

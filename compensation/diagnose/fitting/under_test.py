@@ -19,42 +19,25 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
 
-def make_model_under_test(
-    sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
-) -> Baseline:
-    """Return the given calibration, or what `armd calibrate` makes of the sessions.
-
-    The plain linear thermal model is used wherever there can be one. By itself `armd calibrate`
-    chooses a thermal model by its error. A flexible one would absorb causes that have a name (a
-    link's nonlinear expansion, a joint that turns with temperature). Beside a strong error it
-    chooses none, so that plain expansion would be reported.
-    """
-    if calibration is None:
-        return _calibrate(sessions, arm, is_judging=False)[0]
-    return _fix_calibration(sessions, arm, calibration)[0]
-
-
 def make_model_and_judge_sessions(
     sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
 ) -> tuple[Baseline, InconsistentSession | None]:
     """Return the model under test, and the session that is inconsistent with the others.
 
-    Only then does the certificate of a calibration name that session.
+    The model is the given calibration, or what `armd calibrate` makes of the sessions. The plain
+    linear thermal model is used wherever there can be one. By itself `armd calibrate` chooses a
+    thermal model by its error. A flexible one would absorb causes that have a name (a link's
+    nonlinear expansion, a joint that turns with temperature). Beside a strong error it chooses
+    none, so that plain expansion would be reported.
     """
     if calibration is None:
-        return _calibrate(sessions, arm, is_judging=True)
+        result = calibrate(sessions, arm, Options(compare=False))
+        baseline = from_calibration(result.calibration, arm, False, result.reflectors)
+        return baseline, result.inconsistent_session
     baseline, observations = _fix_calibration(sessions, arm, calibration)
     if has_reflectors(sessions):  # the tip of each reading is unknown
         return baseline, None
     return baseline, fit_and_find_inconsistent_session(sessions, observations)
-
-
-def _calibrate(
-    sessions: Sequence[Session], arm: Arm, is_judging: bool
-) -> tuple[Baseline, InconsistentSession | None]:
-    result = calibrate(sessions, arm, Options(compare=False, judges_sessions=is_judging))
-    baseline = from_calibration(result.calibration, arm, False, result.reflectors)
-    return baseline, result.inconsistent_session
 
 
 def _fix_calibration(
