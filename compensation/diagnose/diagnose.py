@@ -122,7 +122,9 @@ def _diagnose(
             remarks = [*diagnosis.remarks, *work.in_words()]
             return replace(diagnosis, remarks=tuple(remarks), skipped=tuple(work.skipped))
         refuted += newly_refuted
-        without = _search(searched.prepared, arm, progress, work, refuted)
+        prepared = searched.prepared
+        search = _make_search(prepared, arm, progress, work, refuted)
+        without = _search(prepared, search, arm, progress, work, refuted)
         if not is_likely_beside(without.result, diagnosis.search, arm):
             break
         extended_remarks = [*remarks, describe_refuted(refuted)]
@@ -181,22 +183,24 @@ def _search_sessions(
 ) -> tuple[SearchOutcome, list[str]]:
     """Search the sessions that fit each other; return remarks about the others, too."""
     remarks, strange = list[str](), list[InconsistentSession]()
-    of_all = prepared = _prepare(sessions, arm, calibration, progress, work)
+    of_all, search_of_all = _prepare(sessions, arm, calibration, progress, work)
+    prepared, search = of_all, search_of_all
     while prepared.inconsistent is not None:
         strange.append(prepared.inconsistent)
         consistent = drop_inconsistent(prepared.original_sessions, prepared.inconsistent)
-        prepared = _prepare(consistent, arm, calibration, progress, work)
-    searched = _search(prepared, arm, progress, work)
+        prepared, search = _prepare(consistent, arm, calibration, progress, work)
+    searched = _search(prepared, search, arm, progress, work)
     inexplicable = []
     for inconsistent in strange:
         remarks.append(inconsistent.in_words())
-        rejoined = of_all
+        rejoined = of_all, search_of_all
         if len(strange) > 1:
             without_others = drop_inconsistent(
                 sessions, *(session for session in strange if session is not inconsistent)
             )
             rejoined = _prepare(without_others, arm, calibration, progress, work)
-        if not _is_explained(rejoined, inconsistent, searched, arm, progress, work):
+        progress(f"session {inconsistent.path.name}", 0.0)
+        if not _is_explained(*rejoined, inconsistent, searched):
             inexplicable.append(inconsistent)
             remarks.append(
                 f"no cause explains session {inconsistent.path.name}: the diagnosis is without it"
@@ -204,8 +208,10 @@ def _search_sessions(
     if len(inexplicable) < len(strange):
         if inexplicable:
             explained = drop_inconsistent(sessions, *inexplicable)
-            of_all = _prepare(explained, arm, calibration, progress, work)
-        searched = _search(_split(of_all, arm, calibration), arm, progress, work)
+            of_all, _ = _prepare(explained, arm, calibration, progress, work)
+        of_all = _split(of_all, arm, calibration)
+        search = _make_search(of_all, arm, progress, work)
+        searched = _search(of_all, search, arm, progress, work)
     return searched, remarks
 
 
@@ -215,50 +221,48 @@ def _prepare(
     calibration: Calibration | None,
     progress: TellShare,
     work: WorkBudget,
-) -> PreparedSessions:
-    """Split placements where the artefact moved, all found in one fit, and judge the sessions."""
+) -> tuple[PreparedSessions, Search]:
+    """Split placements where the artefact moved, all found in one fit, and judge the sessions.
+
+    A search of them is returned that has not run.
+    """
     baseline, inconsistent = make_model_and_judge_sessions(sessions, arm, calibration)
-    prepared = PreparedSessions(
+    whole = PreparedSessions(
         tuple(sessions), tuple(sessions), collect_rests(sessions, arm), baseline, inconsistent
     )
-    prepared.search = search = _take_search(prepared, arm, progress, work)
-    touched, prepared.fitted = find_moved_artefacts(search.first_fit, search.survey)
-    prepared.touched = tuple(touched)
-    if inconsistent is not None and is_farther_off(prepared.fitted, inconsistent.path):
-        return prepared
-    return _split(prepared, arm, calibration)
+    search = _make_search(whole, arm, progress, work)
+    touched, fitted = find_moved_artefacts(search.first_fit, search.survey)
+    whole = replace(whole, touched=tuple(touched), fitted=fitted)
+    if not touched or (inconsistent is not None and is_farther_off(fitted, inconsistent.path)):
+        return whole, search
+    parted = _split(whole, arm, calibration)
+    return parted, _make_search(parted, arm, progress, work)
 
 
-def _split(
-    prepared: PreparedSessions, arm: Arm, calibration: Calibration | None
-) -> PreparedSessions:
+def _split(whole: PreparedSessions, arm: Arm, calibration: Calibration | None) -> PreparedSessions:
     """Split placements where the artefact moved, and make the model under test of the parts."""
-    if not prepared.touched or prepared.fitted is None:
-        return prepared
-    parted = split_placements(prepared.rests, prepared.touched)
+    if not whole.touched or whole.fitted is None:
+        return whole
+    parted = split_placements(whole.rests, whole.touched)
     baseline, inconsistent = make_model_and_judge_sessions(parted, arm, calibration)
     return replace(
-        prepared,
+        whole,
         sessions=parted,
         rests=collect_rests(parted, arm),
         baseline=baseline,
         inconsistent=inconsistent,
         fitted=None,
-        search=None,
     )
 
 
-def _take_search(
+def _make_search(
     prepared: PreparedSessions,
     arm: Arm,
     progress: TellShare,
     work: WorkBudget,
     refuted: Sequence[Candidate] = (),
 ) -> Search:
-    """Return a search that has not run, the prepared one if there is one and nothing is refuted."""
-    search, prepared.search = prepared.search, None
-    if search is not None and not refuted:
-        return search
+    """Make a search of prepared sessions; *refuted*: causes that are excluded."""
     drop_freed()
     held_out, barred = partial(compare_heldout, arm=arm), partial(is_refuted, refuted=refuted)
     return Search(prepared.rests, arm, prepared.baseline, progress, held_out, work, barred)
@@ -266,15 +270,11 @@ def _take_search(
 
 def _is_explained(
     prepared: PreparedSessions,
+    search: Search,
     inconsistent: InconsistentSession,
     without: SearchOutcome,
-    arm: Arm,
-    progress: TellShare,
-    work: WorkBudget,
 ) -> bool:
     """Whether a few causes explain the session that does not fit the others."""
-    progress(f"session {inconsistent.path.name}", 0.0)
-    search = _take_search(prepared, arm, progress, work)
     fitted = search.fit_forward(MOST_EXPLAINING, prepared.fitted or search.first_fit)
     if has_clearly_lower_noise(without.result.searched, fitted):
         return False
@@ -283,21 +283,21 @@ def _is_explained(
 
 def _search(
     prepared: PreparedSessions,
+    search: Search,
     arm: Arm,
     progress: TellShare,
     work: WorkBudget,
     refuted: Sequence[Candidate] = (),
 ) -> SearchOutcome:
-    """Search prepared sessions; *refuted*: causes that are excluded."""
+    """Run a search of prepared sessions, and perhaps another one beside older causes."""
     progress("search", 0.0)
-    search = _take_search(prepared, arm, progress, work, refuted)
     baseline, result = prepared.baseline, search.run()
     older = allow_absorbed_error(result.searched, arm)
     if older is not None and not work.may_go_on:
         work.skip("the search beside what the calibration may have absorbed")
     elif older is not None:
-        beside_older = replace(prepared, baseline=older, search=None)
-        another = _take_search(beside_older, arm, progress, work, refuted)
+        beside_older = replace(prepared, baseline=older)
+        another = _make_search(beside_older, arm, progress, work, refuted)
         repeated = another.run()
         if may_replace(repeated, result, arm):
             baseline, search, result = older, another, repeated

@@ -91,7 +91,7 @@ class RivalCauses:
 
 @dataclass(frozen=True)
 class RefusedCandidate:
-    """A candidate whose fit left the neighbourhood of the model under test."""
+    """A candidate whose fit would lose a certified length."""
 
     candidate: Candidate
     reason: str

@@ -14,11 +14,10 @@ from armd.compensation.diagnose.diagnosis import MovedArtefact, SearchResult
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
-from armd.compensation.diagnose.search.search import Search
 from armd.compensation.identify.admission.inconsistent_session import InconsistentSession
 
 
-@dataclass
+@dataclass(frozen=True)
 class PreparedSessions:
     """Sessions before a search, and the model under test."""
 
@@ -28,8 +27,7 @@ class PreparedSessions:
     baseline: Baseline
     inconsistent: InconsistentSession | None  # the session that does not fit the others
     touched: tuple[MovedArtefact, ...] = ()
-    fitted: Fit | None = None  # of whole placements, with all steps of the artefact; None: split
-    search: Search | None = None  # many megabytes; has not run, and serves once
+    fitted: Fit | None = None  # to whole placements, with all steps; None if split
 
 
 @dataclass
