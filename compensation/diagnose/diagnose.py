@@ -227,26 +227,28 @@ def _prepare(
     A search of them is returned that has not run.
     """
     baseline, inconsistent = make_model_and_judge_sessions(sessions, arm, calibration)
-    whole = PreparedSessions(
+    unsplit = PreparedSessions(
         tuple(sessions), tuple(sessions), collect_rests(sessions, arm), baseline, inconsistent
     )
-    search = _make_search(whole, arm, progress, work)
+    search = _make_search(unsplit, arm, progress, work)
     touched, fitted = find_moved_artefacts(search.first_fit, search.survey)
-    whole = replace(whole, touched=tuple(touched), fitted=fitted)
+    unsplit = replace(unsplit, touched=tuple(touched), fitted=fitted)
     if not touched or (inconsistent is not None and is_farther_off(fitted, inconsistent.path)):
-        return whole, search
-    parted = _split(whole, arm, calibration)
+        return unsplit, search
+    parted = _split(unsplit, arm, calibration)
     return parted, _make_search(parted, arm, progress, work)
 
 
-def _split(whole: PreparedSessions, arm: Arm, calibration: Calibration | None) -> PreparedSessions:
+def _split(
+    unsplit: PreparedSessions, arm: Arm, calibration: Calibration | None
+) -> PreparedSessions:
     """Split placements where the artefact moved, and make the model under test of the parts."""
-    if not whole.touched or whole.fitted is None:
-        return whole
-    parted = split_placements(whole.rests, whole.touched)
+    if not unsplit.touched or unsplit.fitted is None:
+        return unsplit
+    parted = split_placements(unsplit.rests, unsplit.touched)
     baseline, inconsistent = make_model_and_judge_sessions(parted, arm, calibration)
     return replace(
-        whole,
+        unsplit,
         sessions=parted,
         rests=collect_rests(parted, arm),
         baseline=baseline,
