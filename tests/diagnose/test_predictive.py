@@ -359,6 +359,22 @@ def test_components_are_how_the_tip_moves() -> None:
         assert np.linalg.norm(by_name[name], axis=1) == pytest.approx(1.0, abs=1e-6), name
 
 
+def test_two_fits_of_one_arm_have_the_same_components() -> None:
+    """A link of 20 mm by one fit and of 19 by the other was compared with its neighbour."""
+    linear = whole_scene().linear
+    layout = linear.rests.observations.arm.layout
+    named, _ = make_components(linear)
+    drawn = {f"length link {k}" for k in range(1, 7)} & {one.name for one in named}
+    assert drawn
+    constants = linear.model.constants.copy()
+    for name in drawn:
+        constants[layout.indices([f"{p}_{name[-1]}" for p in "da"])] *= 1e-3
+    for name in {f"length link {k}" for k in range(1, 7)} - drawn:
+        constants[layout.index(f"a_{name[-1]}")] += 50.0
+    fitted = replace(linear, model=replace(linear.model, constants=constants))
+    assert make_components(fitted)[0] == named
+
+
 def compared(
     variable: str, component: Component, outside: float, best: float, flat: float = 0.0
 ) -> ResidualComparison:

@@ -70,8 +70,12 @@ def _make_leans(linear: Linear) -> list[tuple[Component, F64]]:
 
 
 def _make_lengths(linear: Linear) -> list[tuple[Component, F64]]:
-    """Make a component for each link that has a length, and for the stylus."""
-    layout = linear.rests.observations.arm.layout
+    """Make a component for each link that has a length, and for the stylus.
+
+    The drawing decides, not a fit: fits to the same readings have the same components.
+    """
+    arm = linear.rests.observations.arm
+    layout, drawn_mm = arm.layout, arm.nominal()
     bodies = [
         (f"link {k + 1}", f"link {k + 1}", layout.indices([f"d_{k + 1}", f"a_{k + 1}"]))
         for k in range(linear.joints.shape[2])
@@ -80,8 +84,8 @@ def _make_lengths(linear: Linear) -> list[tuple[Component, F64]]:
     components = []
     for name, place, parameters in bodies:
         parts_mm = linear.model.constants[parameters]
-        length_mm = float(np.linalg.norm(parts_mm))
-        if length_mm >= SHORTEST_MM:
+        if np.linalg.norm(drawn_mm[parameters]) >= SHORTEST_MM:
+            length_mm = max(float(np.linalg.norm(parts_mm)), SHORTEST_MM)
             column = parts_mm / length_mm @ linear.jacobian[parameters]
             moves = column[: 3 * linear.rests.n].reshape(-1, 3)
             components.append((Component(f"length {name}", "length", place), moves))
