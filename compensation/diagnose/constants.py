@@ -52,7 +52,6 @@ LEAST_UNEVEN = 0.5  # noise units over all readings; a discrepancy that shows le
 #: 1; expansion that makes less than this times the residual does not stand out: a disc far off its
 #: axis left 22 µm, possible expansion made 22, and the true one, 13, did not justify a term.
 STANDS_OUT = 2.0
-MOST_SIGMAS = 3.0  # σ of its broadest prior; an amplitude farther from zero is not of that cause
 #: σ; a certified length may miss by so much more than before by chance: one of a dozen is near its
 #: limit
 CLEARLY_MORE = 1.0

@@ -30,8 +30,8 @@ OF_SENSORS = frozenset({OFFSET, "sensor_swapped", "thermal_lag"})
 FINE_RAD = 6 * ARC_SECOND
 #: The typical sizes also hold on an arm whose readings scatter by no more than this under a
 #: calibration. A cause that is visible beside such scatter is ten times the typical one, which the
-#: catalogue's sizes allow (`SCALES`). On an arm that is 12 minutes off it is a hundred times the
-#: typical one, and so is everything else that could be visible there.
+#: catalogue's sizes allow (`sizes.SCALES`). On an arm that is 12 minutes off it is a hundred times
+#: the typical one, and so is everything else that could be visible there.
 WELL_MADE_RAD = 10 * FINE_RAD
 
 
@@ -68,12 +68,11 @@ def list_all_candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 def _list_candidates(effect: Effect, facts: SessionFacts) -> Iterator[Candidate]:
     coarseness = max(_coarseness(facts.arm), facts.scatter_rad / WELL_MADE_RAD)
-    if coarseness <= 1.0:
+    if coarseness <= 1.0 or not effect.as_coarse_as_the_arm:
         yield from effect.candidates(facts)
         return
-    typically = coarseness if effect.as_coarse_as_the_arm else 1.0
     for candidate in effect.candidates(facts):
-        yield _scale_up(candidate, typically, coarseness)
+        yield _scale_up(candidate, coarseness)
 
 
 def list_candidates_under(facts: SessionFacts, acting: Sequence[Acting]) -> Iterator[Candidate]:
@@ -162,19 +161,15 @@ def _coarseness(arm: Arm) -> float:
     return max([1.0, *(2 * math.pi / count / FINE_RAD for count in counts)])
 
 
-def _scale_up(candidate: Candidate, typically: float, at_most: float) -> Candidate:
-    """Return the candidate with typical sizes *typically* times as large; so are its other values.
-
-    *at_most* is the factor of the largest plausible sizes.
-    """
+def _scale_up(candidate: Candidate, times: float) -> Candidate:
+    """Return the candidate with typical sizes so many *times* as large; so are its other values."""
     columns = tuple(
-        replace(column, prior_sd=column.prior_sd * typically, coarseness=at_most)
-        for column in candidate.columns
+        replace(column, prior_sd=column.prior_sd * times) for column in candidate.columns
     )
     refine, elsewhere = candidate.refine, candidate.elsewhere
     return replace(
         candidate,
         columns=columns,
-        refine=refine and (lambda: [_scale_up(finer, typically, at_most) for finer in refine()]),
-        elsewhere=elsewhere and (lambda value: _scale_up(elsewhere(value), typically, at_most)),
+        refine=refine and (lambda: [_scale_up(finer, times) for finer in refine()]),
+        elsewhere=elsewhere and (lambda value: _scale_up(elsewhere(value), times)),
     )

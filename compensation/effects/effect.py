@@ -26,8 +26,6 @@ from armd.compensation.model.terms import Factor, Term
 from armd.compensation.wording import format_clock
 
 AXES: tuple[Axis, ...] = ("x", "y", "z")
-#: Amplitudes are this many times their typical size, with these prior probabilities.
-SCALES = {1.0: 0.6, 5.0: 0.3, 50.0: 0.1}
 
 
 @dataclass(frozen=True)
@@ -96,7 +94,6 @@ class Column:
     terms: tuple[Term, ...] = ()
     artefact: ArtefactChange | None = None
     reach: float = np.inf  # largest plausible size, in typical sizes
-    coarseness: float = 1.0  # of the arm: factor of the largest plausible size
     use: Use | Winding | None = None
 
     def make_terms(self, amplitude: float) -> Iterator[Term]:

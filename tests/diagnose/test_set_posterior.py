@@ -32,7 +32,7 @@ def test_the_evidence_of_a_set_is_that_of_the_normal_densities() -> None:
 
 
 def test_an_amplitude_is_of_the_likeliest_scale_and_a_large_one_costs_its_prior() -> None:
-    """Of a typical size, or thirty times that: the density of normals of these widths."""
+    """Of a typical size, or fifty times that: the density of normals of these widths."""
     small, large = candidate("a", 1, typical=2.0), candidate("b", 2, widths=2, typical=2.0)
     fitted = small_fit(
         np.zeros(3 * N),
@@ -41,5 +41,5 @@ def test_an_amplitude_is_of_the_likeliest_scale_and_a_large_one_costs_its_prior(
     )
     object.__setattr__(fitted, "amplitudes", (np.array([1.5]), np.array([60.0, 80.0])))
     variance, log_prior = set_posterior._amplitudes_a_priori(fitted)
-    np.testing.assert_allclose(variance, [2.0**2, 60.0**2, 60.0**2])
-    assert log_prior == pytest.approx(math.log(SCALES[1.0]) + math.log(SCALES[30.0]))
+    np.testing.assert_allclose(variance, [2.0**2, 100.0**2, 100.0**2])
+    assert log_prior == pytest.approx(math.log(SCALES[1.0]) + math.log(SCALES[50.0]))

@@ -10,7 +10,6 @@ from armd.arrays import F64, I64
 from armd.compensation.data.in_order import run_in_order
 from armd.compensation.diagnose.constants import GAIN_BEGINS, GAIN_TAKES, REPEATED_WORK
 from armd.compensation.diagnose.diagnosis import SearchResult
-from armd.compensation.diagnose.fitting.neighbourhood import is_near, is_possible
 from armd.compensation.diagnose.fitting.refit import (
     make_refits_without,
     set_findings,
@@ -110,9 +109,6 @@ def _repeat_search_without(
         tried = solve_shared_again(
             last, join_finding(current.findings, candidate), arm, parted.is_eliminated
         )
-        if not (is_near(tried, arm) and all(map(is_possible, tried.findings, tried.amplitudes))):
-            squares += [squares[-1]] * (len(result.findings) + 1 - len(squares))
-            break
         current = tried
         squares.append(compute_heldout_squares(current, out, arm))
         drop_freed()

@@ -7,7 +7,8 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import MOST_FREE_COLUMNS
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import SCALES, Candidate, Column
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.sizes import compute_broadest_sd
 
 
 def is_sized(candidate: Candidate) -> bool:
@@ -19,11 +20,6 @@ def is_sized(candidate: Candidate) -> bool:
 def is_curve(candidate: Candidate) -> bool:
     """Return whether a candidate is a nearly free function over the turn of one joint."""
     return CATALOGUE[candidate.cause].describe_curve is not None and is_sized(candidate)
-
-
-def compute_broadest_sd(column: Column) -> float:
-    """Return an amplitude's standard deviation under the catalogue's broadest prior for it."""
-    return min(max(SCALES), column.reach) * column.prior_sd
 
 
 def compute_amplitude_variance(candidate: Candidate, size: float) -> F64:

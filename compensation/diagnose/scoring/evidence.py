@@ -22,7 +22,7 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.diagnose.scoring.prior import compute_log_prior
-from armd.compensation.effects.effect import SCALES
+from armd.compensation.effects.sizes import list_sizes
 from armd.compensation.estimate.linear.linear_model import LinearModel
 
 
@@ -230,12 +230,11 @@ def compute_log_bayes_factors(gram: F64, side: F64, prior_sd: F64, reach: F64) -
     amplitudes are a priori normal about zero with the catalogue's size.
     """
     logs = []
-    for scale, share in SCALES.items():
-        prior = np.minimum(scale, reach) * prior_sd
+    for log_share, prior in list_sizes(prior_sd, reach):
         g = gram * prior[:, :, None] * prior[:, None, :] + np.eye(gram.shape[1])
         b = side * prior
         solved = np.linalg.solve(g, b[:, :, None])[:, :, 0]
         fit = 0.5 * (b * solved).sum(axis=1)
-        logs.append(np.log(share) + fit - 0.5 * np.linalg.slogdet(g)[1])
+        logs.append(log_share + fit - 0.5 * np.linalg.slogdet(g)[1])
     combined: F64 = logsumexp(np.array(logs), axis=0)
     return combined

@@ -15,10 +15,10 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import LEAST_GAINED, MOST_GAINED, REWEIGHTINGS
-from armd.compensation.diagnose.problem.amplitudes import compute_broadest_sd
 from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.sizes import compute_broadest_sd
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.estimate.noise.robust import (
     WINSOR_AT,

@@ -23,7 +23,8 @@ from armd.compensation.diagnose.scoring.prior import find_log_prior
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, make_shapes
 from armd.compensation.diagnose.scoring.time_discrepancy import make_slower
-from armd.compensation.effects.effect import SCALES, Candidate
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.sizes import list_sizes
 from armd.compensation.model.arm import Arm
 
 
@@ -109,12 +110,12 @@ def _amplitudes_a_priori(fitted: Fit) -> tuple[F64, float]:
             continue
         prior_sd = np.array([column.prior_sd for column in candidate.columns])
         reach = np.array([column.reach for column in candidate.columns])
-        able = []
-        for scale, share in SCALES.items():
-            size = np.minimum(scale, reach) * prior_sd
-            log_density = -0.5 * ((values / size) ** 2).sum() - np.log(size).sum()
-            able.append((math.log(share) + log_density, size, share))
-        _, size, share = max(able, key=lambda entry: entry[0])
+        log_share, size = max(
+            list_sizes(prior_sd, reach),
+            key=lambda able: (
+                able[0] - 0.5 * ((values / able[1]) ** 2).sum() - np.log(able[1]).sum()
+            ),
+        )
         variances.append(size**2)
-        log_prior += math.log(share)
+        log_prior += log_share
     return np.concatenate(variances), log_prior

@@ -115,10 +115,7 @@ RULES = (
          lambda result, _search, current, _scored: result[0] is not current),
     Rule("renamed at the end where less likely", SEARCH + "search:Search._rename_less_likely",
          _not_renamed, lambda result, _search, current, *_: result[0] is not current),
-    Rule("refused: no cause is that large", FITTING + "neighbourhood:is_possible", always(True)),
-    Rule("refused: it would move a parameter too far", FITTING + "neighbourhood:_too_far",
-         always("")),
-    Rule("refused: a certified length is lost", FITTING + "neighbourhood:_length_lost",
+    Rule("refused: a certified length is lost", FITTING + "neighbourhood:find_refusal",
          always("")),
     # Other sets
     Rule("another set instead", SEARCH + "search:Search._revisited", give(1)),
@@ -208,9 +205,6 @@ RULES = (
     Rule("a session explained comes back", DIAGNOSE + "_is_explained", always(False)),
     Rule("a placement parted where its artefact moved", DIAGNOSE + "find_moved_artefacts",
          lambda _original, first, _survey: ([], first), here_only=True),
-    Rule(
-        "a mount steps by little", SEARCH + "moved_artefact:_as_large_as_it_steps", give(0),
-    ),
     Rule("gross errors clipped before a fit", "diagnose.noise.variances:clip_gross",
          _clipped_about_the_fit),
     # Held out
