@@ -113,17 +113,17 @@ def _estimate(
         across = 2.0 * float(counts[linear.normal.any(axis=1)].sum())
     rows = AXES * float(counts.sum()) - across + len(distance)
 
-    near = None if before is None else (before.scale_mm, before.drift_mm)
+    nearest = None if before is None else (before.scale_mm, before.drift_mm)
 
     @cache
     def evaluate_share(share: float) -> tuple[float, float, float, bool]:
-        nonlocal near
+        nonlocal nearest
         whitener = _unit_whitener(linear, share, turn_ratio)
         products = nuisance.products(counted[:, None, None] * whitener, relative, residual)
         cost, scale, drift, settled = _best_scale(
-            Restricted.from_products(products, absorbing, rows), near
+            Restricted.from_products(products, absorbing, rows), nearest
         )
-        near = scale, drift
+        nearest = scale, drift
         log_det = -2.0 * float(counts @ np.log(np.einsum("nii->ni", whitener)).sum(axis=1))
         if across:
             log_det -= across * float(np.log1p(-share))
@@ -173,11 +173,11 @@ def _unit_whitener(linear: Linear, share: float, turn_ratio: float = 1.0) -> F64
 
 
 def _best_scale(
-    restricted: Restricted, near: tuple[float, float] | None = None
+    restricted: Restricted, nearest: tuple[float, float] | None = None
 ) -> tuple[float, float, float, bool]:
     """Return (−2 log likelihood, s, drift, settled) at the best scale and drift for a share.
 
-    *near*: s and drift in mm of a similar share, from which the search is shorter.
+    *nearest*: s and drift in mm of a similar share, from which the search is shorter.
     """
     drifts = len(restricted.curvature) > 0
 
@@ -188,7 +188,7 @@ def _best_scale(
     def cost(logs: F64) -> float:
         return restricted.negative_log_likelihood(*values(logs))
 
-    begin, steps = _begin(restricted, near, cost)
+    begin, steps = _begin(restricted, nearest, cost)
     corners = begin + np.vstack([np.zeros(len(begin)), np.diag(steps[: len(begin)])])
     minimum = minimize(
         cost,
@@ -205,26 +205,26 @@ def _best_scale(
 
 
 def _begin(
-    restricted: Restricted, near: tuple[float, float] | None, cost: Callable[[F64], float]
+    restricted: Restricted, nearest: tuple[float, float] | None, cost: Callable[[F64], float]
 ) -> tuple[F64, tuple[float, float]]:
     """Return the logs of scale and relative drift where a search begins, and its first steps."""
-    many = 1 + (len(restricted.curvature) > 0)
+    count = 1 + (len(restricted.curvature) > 0)
     mean_square = max(restricted.squared_norm, 0.0) / max(restricted.freedom, 1)
     first = max(float(np.sqrt(mean_square)), LEAST_MM)
-    begin = np.log([first, USUAL_DRIFT])[:many]
-    least = cost(begin)
-    if many > 1:  # where drift is nearly all of the residual, the noise is far smaller
-        scales = [first * scale for scale in NOISE_SCALES] + ([near[0]] if near else [])
+    begin = np.log([first, USUAL_DRIFT])[:count]
+    least_cost = cost(begin)
+    if count > 1:  # where drift is nearly all of the residual, the noise is far smaller
+        scales = [first * scale for scale in NOISE_SCALES] + ([nearest[0]] if nearest else [])
         starts = [np.log([scale, drift]) for scale in scales for drift in NOISE_DRIFTS]
         costs = [cost(start) for start in starts]
-        if min(costs) < least - FAR_LIKELIER:
+        if min(costs) < least_cost - FAR_LIKELIER:
             begin = starts[int(np.argmin(costs))]
-        least = min(least, *costs)
-    if near is not None:  # unless it is near another minimum than the best start
-        scale, drift = near
-        at = np.log([scale, max(drift / scale, LEAST_DRIFT)])[:many]
-        if cost(at) < least:
-            return at, NEAR_SCALE_STEPS
+        least_cost = min(least_cost, *costs)
+    if nearest is not None:  # unless it is near another minimum than the best start
+        scale, drift = nearest
+        start = np.log([scale, max(drift / scale, LEAST_DRIFT)])[:count]
+        if cost(start) < least_cost:
+            return start, NEAR_SCALE_STEPS
     return begin, SCALE_STEPS
 
 
