@@ -30,6 +30,7 @@ from armd.compensation.diagnose.search.moved_artefact import (
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.artefact_moved import make_candidate
+from armd.compensation.effects.setup.mount_drift import MOST_MOUNT_STEP
 from armd.compensation.estimate.noise.robust import WINSOR_AT, compute_huber_loss
 from support import synthetic
 from support.selection import parametrize_default
@@ -160,6 +161,8 @@ def test_of_each_rival_the_step_nearest_to_the_instant_is_compared() -> None:
         ("encoder_slip", "joint 2", 40.0),
         ("mount_drift", "joint 1", 60.0),
     ]
+    # A mount that steps farther is an artefact that was moved.
+    assert [c.columns[0].reach for c in found] == [np.inf, np.inf, MOST_MOUNT_STEP]
 
 
 def shaken(seed: int, moved_mm: float = 0.0) -> list[Session]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -108,7 +109,7 @@ def test_a_search_without_work_left_ends_and_reports_it(
 
 
 @pytest.mark.parametrize(("times", "farther"), [(1.0, False), (2.0, False), (6.0, True)])
-def test_a_session_that_is_clipped_awayis_farther_off_all_the_same(
+def test_a_session_that_is_clipped_away_is_farther_off_all_the_same(
     times: float, farther: bool
 ) -> None:
     """Of ten sessions one, the noise being that of the others."""
@@ -116,9 +117,11 @@ def test_a_session_that_is_clipped_awayis_farther_off_all_the_same(
     session = np.arange(n) // 30
     left = np.random.default_rng(5).normal(size=(n, 3))
     left[session == 4] *= times
-    rests = SimpleNamespace(observations=SimpleNamespace(session=session))
+    paths = [Path(f"session-{k}") for k in range(10)]
+    sessions = [SimpleNamespace(path=path) for path in paths]
+    rests = SimpleNamespace(observations=SimpleNamespace(session=session), sessions=sessions)
     fit: Any = SimpleNamespace(
         noise=unit_noise(n), rest_residual_mm=left, linear=SimpleNamespace(rests=rests)
     )
     assert times < AS_FAR_OFF or farther
-    assert is_farther_off(fit, 4) is farther
+    assert is_farther_off(fit, paths[4]) is farther

@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Column
-from armd.compensation.effects.setup.mount_drift import MOST_MOUNT_STEP
 from armd.compensation.effects.sizes import SCALES, compute_broadest_sd, list_sizes
-from support.whole_scene import whole_scene
 
 
 def test_scales_share_one_and_larger_ones_are_less_likely() -> None:
@@ -25,11 +22,3 @@ def test_a_scale_is_cut_at_what_is_plausible() -> None:
     ]  # fmt: skip
     assert compute_broadest_sd(Column("a", "mm", 2.0)) == 100.0
     assert compute_broadest_sd(Column("a", "mm", 1.0, reach=5.0)) == 5.0
-
-
-def test_a_mount_steps_by_little_and_drifts_by_any_amount() -> None:
-    """A larger step of one placement has the same signature, and is a moved artefact."""
-    for candidate in catalogue.list_all_candidates(whole_scene().free):
-        if candidate.cause == "mount_drift":
-            reach = np.inf if candidate.instant_unix_s is None else MOST_MOUNT_STEP
-            assert {column.reach for column in candidate.columns} == {reach}

@@ -43,6 +43,7 @@ from armd.compensation.diagnose.search.findings import find_nearest_step
 from armd.compensation.diagnose.search.survey import Survey
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import make_candidate
+from armd.compensation.effects.setup.mount_drift import MOST_MOUNT_STEP
 from armd.compensation.estimate.noise.robust import compute_huber_loss, compute_huber_weights
 
 
@@ -222,7 +223,12 @@ def _at_the_instant(
     grid: dict[tuple[str, ...], list[Candidate]] = {}
     for step in filter(_steps, catalogue):
         grid.setdefault(identify_kind(step), []).append(step)
-    return [find_nearest_step(instant, of_kind) for of_kind in grid.values()]
+    return [_as_large_as_it_steps(find_nearest_step(instant, of_kind)) for of_kind in grid.values()]
+
+
+def _as_large_as_it_steps(step: Candidate) -> Candidate:
+    columns = tuple(replace(column, reach=MOST_MOUNT_STEP) for column in step.columns)
+    return replace(step, columns=columns) if step.cause == "mount_drift" else step
 
 
 def _compute_instant(change: ArtefactChange, rests: Rests) -> float:

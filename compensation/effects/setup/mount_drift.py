@@ -35,16 +35,10 @@ TYPICAL_MM, TYPICAL_RAD = 20e-3, 15 * ARC_SECOND
 TURNS = ("base_rx", "base_ry", "base_rz")
 
 
-def _columns(basis: After | Time, per: str = "", reach: float = np.inf) -> tuple[Column, ...]:
-    sizes = dict.fromkeys(SHIFTS, ("mm", 0.005)) | dict.fromkeys(TURNS, ("rad", 4 * ARC_SECOND))
-    return tuple(
-        Column(n, unit + per, prior_sd, tie([(n, 1.0)], basis), reach=reach)
-        for n, (unit, prior_sd) in sizes.items()
-    )
-
-
-def _step(basis: After) -> tuple[Column, ...]:
-    return _columns(basis, reach=MOST_MOUNT_STEP)
+def _columns(basis: After | Time, per: str = "") -> tuple[Column, ...]:
+    shifts = [Column(n, "mm" + per, 5e-3, tie([(n, 1.0)], basis)) for n in SHIFTS]
+    turns = [Column(n, "rad" + per, 4 * ARC_SECOND, tie([(n, 1.0)], basis)) for n in TURNS]
+    return (*shifts, *turns)
 
 
 def make_steady_drift(facts: SessionFacts) -> Candidate:
@@ -68,7 +62,7 @@ def _along(function: Function) -> list[Column]:
 def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if facts.timed:
         yield from make_drifts(facts, "mount_drift", location.BASE, _along)
-    yield from make_steps(facts, "mount_drift", location.BASE, _step)
+    yield from make_steps(facts, "mount_drift", location.BASE, _columns)
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:

@@ -205,6 +205,9 @@ RULES = (
     Rule("a session explained comes back", DIAGNOSE + "_is_explained", always(False)),
     Rule("a placement parted where its artefact moved", DIAGNOSE + "find_moved_artefacts",
          lambda _original, first, _survey: ([], first), here_only=True),
+    Rule(
+        "a mount steps by little", SEARCH + "moved_artefact:_as_large_as_it_steps", give(0),
+    ),
     Rule("gross errors clipped before a fit", "diagnose.noise.variances:clip_gross",
          _clipped_about_the_fit),
     # Held out
